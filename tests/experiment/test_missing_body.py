@@ -122,3 +122,33 @@ def test_both_jaws_are_the_upper_and_the_lower_one() -> None:
         np.allclose(upper + lower, both, rtol=0.0, atol=1e-9 * np.abs(both).max())
         and np.abs(upper - lower).max() > 0.1 * np.abs(both).max()
     )
+
+
+@pytest.mark.parametrize("kind", ["heat", "flux", "jaw_upper", "offset"])
+def test_slopes_of_a_term_on_a_known_motion_are_of_second_order(kind: str) -> None:
+    """Taylor test: what all parameters change of what the term adds, at two sizes of a step; a quarter of the remainder for half a step.
+    None of what does not run through the heat equation."""
+    joint = model(study())
+    assert isinstance(joint.missing, BodyMissing)
+    base = Parameters.of({**TRUTH, "ir_registration.shift_y": 0.3})
+    names = ("kappa", "c0", "alpha_air", "alpha_clamp", "ir_registration.shift_y", "beta")
+    grid = joint.missing.grid(kind, (6, 4, 2))
+    chosen = np.arange(grid.size)
+    amount = np.random.default_rng(2).normal(size=grid.size)
+    slopes = joint.missing.slopes(kind, base, grid, chosen, amount, names)
+    if kind == "offset":
+        assert slopes is None
+        return
+    assert slopes is not None and slopes.shape[-1] == len(names) and not slopes[..., -1].any(), "no heat of flow is changed"
+    history = joint.missing.history(base)
+    direction = np.array([3.0, -0.4, 5.0, -40.0, 0.2, 0.1])
+    first = joint.missing.answers(kind, base, grid, chosen) @ amount
+
+    def remainder(part: float) -> float:
+        moved = base.replace(**{n: base[n] + part * d for n, d in zip(names, direction, strict=True)})
+        on_it = replace(joint.missing, kept={tuple(sorted(moved.values.items())): history})  # type: ignore[type-var]
+        change = on_it.answers(kind, moved, grid, chosen) @ amount - first
+        return float(np.abs(change - part * (slopes @ direction)).max() / np.abs(change).max())
+
+    one, half = remainder(0.1), remainder(0.05)
+    assert one < 0.05 and half < 0.55 * one

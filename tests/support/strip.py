@@ -5,7 +5,7 @@ The heat capacity is known: without mechanics nothing else says how much a kelvi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -142,6 +142,19 @@ class StripMissing:
         over = THICK if kind == "flux" else 1.0
         theta = MODEL.run(parameters, strength[:, None, :] * place_hats(grid, MODEL.x, MODEL.y)[None, :, place] / over)
         return theta[:, :, None, :]
+
+    def slopes(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
+    ) -> np.ndarray | None:
+        """By differences, 1e-6 of the usual size of a parameter."""
+        if kind == "offset":
+            return None
+        first, out = self.answers(kind, parameters, grid, chosen) @ amount, []
+        for name in names:
+            step = 1e-6 * param(name).scale
+            moved = parameters.replace(**{name: parameters[name] + step})
+            out.append((self.answers(kind, moved, grid, chosen) @ amount - first) / step)
+        return np.stack([np.zeros_like(first), *out], axis=-1)[..., 1:]
 
     def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
         """None: the strip is seen by one camera."""

@@ -21,6 +21,7 @@ from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import UNSETTLED, Unlisted
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
+from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
@@ -93,7 +94,8 @@ def _beside_one_place(case: Case, parameters: Parameters, term: MissingField) ->
         errors = _errors(case, parameters, columns)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
-    sigma = _together(term.uncertainty, moves_beside(LinearModel(residual, columns), term, errors))
+    known = beside_term(LinearModel(residual, columns), case, parameters, term)
+    sigma = _together(term.uncertainty, moves_beside(known, term, errors))
     return BesideSource({n: parameters[n] for n in parameters.free}, dict(zip(parameters.free, sigma, strict=True)))
 
 

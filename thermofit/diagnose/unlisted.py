@@ -29,6 +29,7 @@ from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
+from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_steps import better, in_steps
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
@@ -454,11 +455,11 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
             known = LinearModel(*there.model.linearised(parameters, parameters.free))
         except NumericsError as error:
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
-        if alike:
-            term = over_time(known, alike_beside(there, structure, term), here)
-        else:
-            hat = basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
-            term = field_of(known, hat, here.rows, here.split)
+        hat = (
+            alike_beside(there, structure, term) if alike else basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
+        )
+        known = beside_term(known, there, parameters, term, hat)
+        term = over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
         rest = np.clip(moved + farthest(term.step, parameters.vector()), *room) - moved
         near = _rests(term, rest) if alike else change.max(initial=0.0) < SETTLED
         if near:
@@ -515,7 +516,8 @@ def told_beside(
         told = replace(case, model=sharp.model, doubts=sharp.doubts, parameters=parameters)
         known = LinearModel(*told.model.linearised(parameters, parameters.free))
         there = replace(here, case=told)
-        begin = replace(over_time(known, alike_beside(told, structure, term), here), before=term.before)
+        hat = alike_beside(told, structure, term)
+        begin = replace(over_time(beside_term(known, told, parameters, term, hat), hat, here), before=term.before)
         found, moved, remark = settled(there, structure, begin)
     except NumericsError as error:
         words = f"errors of mesh and steps are those at the optimum without the term: a run that tells them failed ({error})"

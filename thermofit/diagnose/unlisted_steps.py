@@ -35,7 +35,7 @@ def in_steps(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Miss
     """The term of hats over time (one place, one record) as steps; None where no step takes anything away.
 
     Coefficients, covariance and posterior are those of the hats, which the steps are sums of; `MissingField.steps` are the steps."""
-    shape = np.tril(np.ones((basis.columns.shape[1], basis.columns.shape[1])))
+    shape = _unit_steps(basis.columns.shape[1])
     columns = basis.columns @ shape
     found: list[MissingField] = []
     for steps in _chosen(known, basis, columns):
@@ -47,6 +47,18 @@ def in_steps(known: LinearModel, basis: Basis, rows: Rows, split: Split) -> Miss
         return None
     best = min(found, key=lambda f: float(np.nanmean(f.after[basis.rows] ** 2)))
     return next(f for f in found if f is best or not better(f, best, rows, split))
+
+
+def of_steps(term: MissingField) -> np.ndarray | None:
+    """Coefficients (m, k) of the hats of the steps that a term was fitted as; None where it was fitted as hats."""
+    if term.solved is None:
+        return None
+    return _unit_steps(len(term.basis.chosen))[:, np.searchsorted(term.basis.chosen, term.solved.chosen)]
+
+
+def _unit_steps(m: int) -> np.ndarray:
+    """Coefficients (m, m) of the hats of a unit step at every knot."""
+    return np.tril(np.ones((m, m)))
 
 
 def better(one: MissingField, other: MissingField, rows: Rows, split: Split) -> bool:

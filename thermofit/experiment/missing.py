@@ -6,7 +6,7 @@ conduction of the fitted model where it is a heat source, the hat itself where i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -157,6 +157,12 @@ class Missing(Protocol):
 
     def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
         """Change (n_t, n_s, n_c, m) of other observed fields than the one that shows the kind, by field."""
+
+    def slopes(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
+    ) -> np.ndarray | None:
+        """Derivatives (n_t, n_s, n_c, n) along the named parameters of what the term with these coefficients (m,) adds to the field that
+        shows the kind; None where they are nothing or not known."""
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the specimen under each hat over the face; None where it is not known (coupons)."""

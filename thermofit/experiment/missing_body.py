@@ -15,7 +15,7 @@ from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, 
 from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal_heat
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.solve.history import History
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, param
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.instruments import Instruments, carried
@@ -36,6 +36,8 @@ SIDES = {"all": 0.0, "upper": 1.0, "lower": -1.0}
 """The sign of y of the jaw that changes; 0: both."""
 BETWEEN = 2.0
 """Usual distances of frames between two knots of a history of the jaws at most."""
+SMALL = 1e-4
+"""Part of a parameter by which a heat equation that is linear in temperatures is moved for its difference quotient."""
 PER_MILLE = 1e-3
 """Apparent strain or error of the scale of a unit coefficient, mm/m, and offset of a camera per length, mK/mm."""
 
@@ -121,10 +123,26 @@ class BodyMissing:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
         the jaws, mm, K, mK/mm and mm/m."""
         if kind in ("heat", *OF_SURFACE):
-            return self._warmed(parameters, kind, grid, chosen)
+            return self._warmed(parameters, self.history(parameters), kind, grid, chosen)
         if kind in ("strain", "scale", "gradient"):
             return self._magnified(parameters, kind, grid, chosen)
         return _shown_directly(grid, self.instruments.observations[_field_of(kind)], chosen)
+
+    def slopes(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
+    ) -> np.ndarray | None:
+        """Derivatives (n_t, n_s, 1, n) along the named parameters of what heats with these coefficients (m,) add to the temperatures, on
+        the motion of the run at `parameters`; None of a kind that does not run through the heat equation."""
+        if kind not in ("heat", *OF_SURFACE):
+            return None
+        history = self.history(parameters)
+        first = self._warmed(parameters, history, kind, grid, chosen, amount)
+        found = []
+        for name in names:
+            step = SMALL * max(abs(parameters[name]), param(name).scale)
+            moved = parameters.replace(**{name: parameters[name] + step})
+            found.append((self._warmed(moved, history, kind, grid, chosen, amount) - first) / step)
+        return np.concatenate([np.zeros((*first.shape[:3], 0)), *found], axis=-1)
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the whole specimen under each hat."""
@@ -164,41 +182,58 @@ class BodyMissing:
             length = length[:, :, 1:] - grid.y[0]
         return seen.averaged(PER_MILLE * length[..., None] * _over_time(grid, seen, chosen)[:, None, None, :])
 
-    def _warmed(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> np.ndarray:
-        history, sampler = self.history(parameters), self.instruments.samplers["theta"]
-        seen = self.instruments.observations["theta"]
+    def _warmed(
+        self,
+        parameters: Parameters,
+        history: History,
+        kind: str,
+        grid: Grid,
+        chosen: np.ndarray,
+        amount: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Change (n_t, n_s, 1, m) of temperatures by unit coefficients on a known motion; (n_t, n_s, 1, 1) by all with an `amount` (m,)."""
+        sampler, seen = self.instruments.samplers["theta"], self.instruments.observations["theta"]
+        columns = len(chosen) if amount is None else 1
         loads = None if kind in OF_SURFACE else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
         on = self.instruments.changes("theta", parameters)
-        out = np.zeros((len(seen.time), len(seen.xy), 1, len(chosen)))
+        out = np.zeros((len(seen.time), len(seen.xy), 1, columns))
         view = self.instruments.view("theta", history) if on else None
-        full = np.zeros((len(history.time), len(seen.xy), len(chosen))) if on else None
-        for n, theta in self._marched(parameters, history, grid, kind if loads is None else loads, chosen):
+        full = np.zeros((len(history.time), len(seen.xy), columns)) if on else None
+        for n, theta in self._marched(parameters, history, grid, kind if loads is None else loads, chosen, amount):
             rates = sampler.temperature_rates(theta)
             if full is not None:
                 full[n] = rates[:, 0]
             else:
                 out[sampler.index == n] = rates
         if view is not None and full is not None:
-            for k in range(len(chosen)):
+            for k in range(columns):
                 out[..., k] = self.instruments.shown_along("theta", view, full[:, :, k], parameters)
         return seen.averaged(out)
 
     def _marched(
-        self, parameters: Parameters, history: History, grid: Grid, loads: np.ndarray | str, chosen: np.ndarray
+        self,
+        parameters: Parameters,
+        history: History,
+        grid: Grid,
+        loads: np.ndarray | str,
+        chosen: np.ndarray,
+        amount: np.ndarray | None = None,
     ) -> Iterator[tuple[int, np.ndarray]]:
-        """Temperatures (n_np, m) at every time by unit sources: steps of the run with the factors of its own heat equation. `loads`
-        (n_np, n_places): mW of each place; or of which kind of `OF_SURFACE` they are."""
+        """Temperatures (n_np, m) at every time by unit sources, or (n_np, 1) by an `amount` (m,) of each: steps of the run with the factors
+        of its own heat equation. `loads` (n_np, n_places): mW of each place; or of which kind of `OF_SURFACE` they are."""
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         of_jaws = isinstance(loads, str) and KINDS[loads].alike == "jaws"
         strength = [
             s[:, k] for s in (_at_ends(grid, history.time, self.whole.settings.heat_scheme) if of_jaws else (_means(grid, history.time),))
         ]
-        state = np.zeros((self.body.mesh.n_nodes, len(chosen)))
+        state = np.zeros((self.body.mesh.n_nodes, len(chosen) if amount is None else 1))
         for n, (step, films) in enumerate(self._steps(parameters, history)):
             active = np.flatnonzero(np.any([s[: n + 1].any(axis=0) for s in strength], axis=0))
             if active.size:
                 mine = self._through(loads, step, films)[:, None] if isinstance(loads, str) else loads[:, place[active]]
                 heat = [step.length * mine * s[n, active] for s in strength]
+                if amount is not None:
+                    heat, active = [(h @ amount[active])[:, None] for h in heat], np.zeros(1, dtype=int)
                 state[:, active] = _answered(self.body, step, np.ascontiguousarray(state[:, active]), heat)
             yield n + 1, state
 

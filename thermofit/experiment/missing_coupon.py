@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +84,9 @@ class CouponMissing:
     def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
         """None: what a load cell or a sensor lacks shows in its own records alone."""
         return {}
+
+    def slopes(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]) -> None:
+        """Not known: a term of a coupon is not fitted beside its parameters for long."""
 
     def _warmed(self, parameters: Parameters, test: CouponTest, power: np.ndarray) -> np.ndarray:
         """What the sensor shows (n, m) of powers (n, m) in mW/mm^3."""

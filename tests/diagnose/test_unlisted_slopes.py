@@ -1,0 +1,104 @@
+"""What the fitted parameters change of a missing heat: their sensitivities beside it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from refits import fitted
+from strip import numerical, strip_case
+
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.unlisted import alike_basis, alike_beside, over_time, settled
+from thermofit.diagnose.unlisted_field import MissingField, field_of
+from thermofit.diagnose.unlisted_slopes import beside_term
+from thermofit.diagnose.unlisted_steps import in_steps, of_steps
+from thermofit.diagnose.unlisted_structure import Structure, structures
+from thermofit.fit.linear_model import LinearModel
+
+
+def wave(x: np.ndarray, y: np.ndarray, t: float) -> np.ndarray:
+    """Heat through all of the surface that comes and goes, mW/mm^3."""
+    return 0.5 * np.sin(2.0 * np.pi * t / 60.0) + 0.0 * x
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Traced, Structure, MissingField]:
+    """A strip with a heat that nobody lists, and that heat as it is told at the optimum without it."""
+    here = traced(fitted(strip_case(3, wave))[0], numerical())
+    structure = structures(here.case, here.rows, here.problem.model.left, None)[0]
+    return here, structure, over_time(here.problem.model, alike_basis(here, structure, "flux"), here)
+
+
+def known_at(here: Traced) -> LinearModel:
+    return LinearModel(*here.case.model.linearised(here.case.parameters, here.case.parameters.free))
+
+
+def test_columns_hold_what_parameters_change_of_the_term(found: tuple[Traced, Structure, MissingField]) -> None:
+    """By differences of the residual with the term in it; they are most of the column of the conductivity."""
+    here, structure, term = found
+    case, p = here.case, here.case.parameters
+    told = beside_term(known_at(here), case, p, term)
+
+    def residual(values: np.ndarray) -> np.ndarray:
+        there = replace(case, parameters=p.with_vector(values))
+        hat = alike_beside(there, structure, term)
+        out = case.model.residual(there.parameters)
+        out[hat.rows] += hat.columns @ term.q
+        return out
+
+    x = p.vector()
+    for k, name in enumerate(p.free):
+        step = np.eye(len(x))[k] * 1e-4 * x[k]
+        slope = (residual(x + step) - residual(x - step)) / (2e-4 * x[k])
+        assert np.abs(told.columns[:, k] - slope).max() < 1e-5 * np.abs(slope).max(), name
+    alone = known_at(here).columns[:, p.free.index("kappa")]
+    assert np.linalg.norm(told.columns[:, p.free.index("kappa")] - alone) > 0.2 * np.linalg.norm(alone)
+
+
+def test_coefficients_are_those_that_go_best_with_the_parameters(found: tuple[Traced, Structure, MissingField]) -> None:
+    """A term that was told together with a step of the parameters says nothing where these have not taken it. As hats or as steps."""
+    here, structure, term = found
+    case, p, known = here.case, here.case.parameters, known_at(here)
+    hats, steps = (of(known, term.basis, here.rows, here.split) for of in (field_of, in_steps))
+    assert hats is not None and steps is not None and steps.solved is not None
+    shape = of_steps(steps)
+    assert of_steps(hats) is None and shape is not None and shape.shape == (len(steps.q), len(steps.solved.chosen))
+    for one in (hats, steps):
+        hat = alike_beside(case, structure, one)
+        told = [beside_term(known, case, p, replace(one, q=factor * one.q), hat).columns for factor in (1.0, 5.0)]
+        assert np.array_equal(*told)
+        whole = [beside_term(known, case, p, replace(one, q=factor * one.q)).columns - known.columns for factor in (1.0, 5.0)]
+        assert np.allclose(5.0 * whole[0], whole[1]) and np.abs(whole[0]).max() > 0.0
+
+
+def test_a_camera_changes_no_sensitivity(found: tuple[Traced, Structure, MissingField]) -> None:
+    """What it adds does not run through the heat equation."""
+    here, structure, _ = found
+    known = known_at(here)
+    term = over_time(known, alike_basis(here, structure, "offset"), here)
+    assert beside_term(known, here.case, here.case.parameters, term) is known
+
+
+def test_parameters_settle_where_they_and_the_term_fit_best(found: tuple[Traced, Structure, MissingField]) -> None:
+    """No small change of a parameter makes the sum of squares fall, with the coefficients that go best with it."""
+    here, structure, begin = found
+    term, parameters, remark = settled(here, structure, begin)
+    assert remark == ""
+    shape = of_steps(term)
+
+    def left(values: np.ndarray) -> float:
+        there = replace(here.case, parameters=parameters.with_vector(values))
+        hat, r = alike_beside(there, structure, term), there.model.residual(there.parameters)
+        columns = hat.columns if shape is None else hat.columns @ shape
+        rough = term.weight * (hat.rough if shape is None or term.solved is None else term.solved.rough)
+        q = np.linalg.solve(columns.T @ columns + rough, -columns.T @ r[hat.rows])
+        r[hat.rows] += columns @ q
+        return float(r @ r + q @ rough @ q)
+
+    x, at = parameters.vector(), left(parameters.vector())
+    for k, sigma in enumerate(term.uncertainty):
+        ways = [left(x + way * np.eye(len(x))[k] * sigma) - at for way in (-1.0, 1.0)]
+        lowest = 0.5 * (ways[0] - ways[1]) / sum(ways)
+        assert sum(ways) > 0.0 and abs(lowest) < 0.4, "in standard errors, of the parabola through three points"

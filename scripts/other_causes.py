@@ -394,6 +394,8 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "Beside a curve the hardening law was held. On `hardening-sets-in` (aluminium) c0 then came out at 1.25 for 2.22, and every",
         "thermal parameter with an interval above 100 %. Being within it said nothing. The law is fitted beside the curve since then.",
         "`rate-by-arsinh` of steel had c0 8.2 of its errors off, before intervals held what the other law of the rate makes of it.",
+        "Beside `jaws-oscillate` kappa was 17 (aluminium) and 5.2 (steel) of its errors off, before sensitivities beside a heat that nobody",
+        "lists held what the parameters change of that heat.",
         "`softening-squared` was planted with 0.004, 0.0015 and 0.0007 first, which the laboratory's specimen does not carry.",
         "",
         "On `warm-grip` films were 6 of their errors off, at the noise and with exit 0. The source lies outside the window, and comes on",

@@ -86,7 +86,7 @@ class CouponMissing:
         return {}
 
     def slopes(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]) -> None:
-        """Not known: a term of a coupon is not fitted beside its parameters for long."""
+        """None: beside a term of a coupon parameters take three steps at most, by their sensitivities without it."""
 
     def _warmed(self, parameters: Parameters, test: CouponTest, power: np.ndarray) -> np.ndarray:
         """What the sensor shows (n, m) of powers (n, m) in mW/mm^3."""

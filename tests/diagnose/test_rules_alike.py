@@ -174,7 +174,7 @@ def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, o
     def linearised(p: Parameters, _: Any) -> tuple[float, None]:
         return p["kappa"], None
 
-    model: Any = SimpleNamespace(linearised=linearised, segments=None)
+    model: Any = SimpleNamespace(linearised=linearised, segments=None, missing=None)
     case = Case(model, Parameters.of({"kappa": 110.0}, ("kappa",)), (), (), frozenset())
     here: Any = SimpleNamespace(case=case, rows=None, split=SimpleNamespace(held_out=()))
     monkeypatch.setattr(module, "LinearModel", lambda kappa, _: kappa)

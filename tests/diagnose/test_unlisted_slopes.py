@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from refits import fitted
 from strip import numerical, strip_case
 
+from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import alike_basis, alike_beside, over_time, settled
 from thermofit.diagnose.unlisted_field import MissingField, field_of
@@ -102,3 +105,21 @@ def test_parameters_settle_where_they_and_the_term_fit_best(found: tuple[Traced,
         ways = [left(x + way * np.eye(len(x))[k] * sigma) - at for way in (-1.0, 1.0)]
         lowest = 0.5 * (ways[0] - ways[1]) / sum(ways)
         assert sum(ways) > 0.0 and abs(lowest) < 0.4, "in standard errors, of the parabola through three points"
+
+
+def test_intervals_hold_what_an_error_moves_beside_the_term(found: tuple[Traced, Structure, MissingField]) -> None:
+    """An error between two limits moves the parameters as a fit beside the term would be moved by it."""
+    here, structure, begin = found
+    term, parameters, _ = settled(here, structure, begin)
+    doubt = 0.3 * np.random.default_rng(5).normal(size=len(here.rows.time)).cumsum() / 20.0
+    case = replace(here.case, parameters=parameters, doubts={"mesh": doubt})
+    missing: Any = SimpleNamespace(field=term, settled=True, case=case, parameters=parameters)
+    told = beside_source(here, missing)
+    assert told is not None
+    known = beside_term(LinearModel(*case.model.linearised(parameters, parameters.free)), case, parameters, term)
+    hat = term.basis if term.solved is None else term.solved
+    ends = [field_of(replace(known, residual=known.residual + e), hat, here.rows, here.split, term.weight).step for e in (0.0, doubt)]
+    moved = (ends[1] - ends[0]) / np.sqrt(3.0)
+    assert np.all(np.abs(moved) > term.uncertainty)
+    for n, sigma, move in zip(parameters.free, term.uncertainty, moved, strict=True):
+        assert told.sigma[n] == pytest.approx(np.hypot(sigma, move), rel=1e-3), n

@@ -452,14 +452,9 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
         moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
         there = replace(case, parameters=parameters)
         try:
-            known = LinearModel(*there.model.linearised(parameters, parameters.free))
+            term = at_parameters(here, there, structure, term)
         except NumericsError as error:
             return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
-        hat = (
-            alike_beside(there, structure, term) if alike else basis(there, structure, term.basis.kind, term.basis.grid, term.basis.chosen)
-        )
-        known = beside_term(known, there, parameters, term, hat)
-        term = over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
         rest = np.clip(moved + farthest(term.step, parameters.vector()), *room) - moved
         near = _rests(term, rest) if alike else change.max(initial=0.0) < SETTLED
         if near:
@@ -473,6 +468,16 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
     if believed(term):
         return term, parameters, words
     return first, case.parameters, GONE
+
+
+def at_parameters(here: Traced, there: Case, structure: Structure, term: MissingField) -> MissingField:
+    """A term of a traced case where the parameters of another one are, with their next step beside it. NumericsError where a run fails."""
+    parameters, own = there.parameters, term.basis
+    known = LinearModel(*there.model.linearised(parameters, parameters.free))
+    alike = own.grid.places == 1 and there.model.segments is None
+    hat = alike_beside(there, structure, term) if alike else basis(there, structure, own.kind, own.grid, own.chosen)
+    known = beside_term(known, there, parameters, term, hat)
+    return over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
 
 
 def _rests(term: MissingField, rest: np.ndarray) -> bool:
@@ -514,11 +519,8 @@ def told_beside(
         if sharp is None:
             return case, term, parameters, ""
         told = replace(case, model=sharp.model, doubts=sharp.doubts, parameters=parameters)
-        known = LinearModel(*told.model.linearised(parameters, parameters.free))
-        there = replace(here, case=told)
-        hat = alike_beside(told, structure, term)
-        begin = replace(over_time(beside_term(known, told, parameters, term, hat), hat, here), before=term.before)
-        found, moved, remark = settled(there, structure, begin)
+        begin = replace(at_parameters(here, told, structure, term), before=term.before)
+        found, moved, remark = settled(replace(here, case=told), structure, begin)
     except NumericsError as error:
         words = f"errors of mesh and steps are those at the optimum without the term: a run that tells them failed ({error})"
         return case, term, parameters, words

@@ -3,7 +3,8 @@
     r(p + d) + B(p + d) (q + e) = r + B q + (J + d(B q)/dp) d + B e + ...
 
 The answers B to unit heats hold conductivity, capacity and films. Heat that comes from jaws which warm up and cool down tells the
-conductivity by how far it goes. J alone does not see that: its steps do not come down, and its standard errors are those of another test.
+conductivity by how far it goes. J alone does not see that. Its steps may not come down, nor end where the squares are least, and its
+standard errors are those of another problem.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ def beside_term(known: LinearModel, case: Case, parameters: Parameters, term: Mi
     """The linear model of a case's fitted parameters where they are, with what they change of a term's answers.
 
     `hat`: the hats where the parameters are; with them the coefficients are those that go best with these parameters, held as the term's
-    are, else they are the term's own. Unchanged on coupons and for a term that does not run through the heat equation."""
+    are, else they are the term's own. Unchanged on coupons and for a term that does not run through the heat equation. NumericsError where
+    the run of these parameters fails."""
     missing, names = case.model.missing, acting_on_temperatures(parameters.free)
-    if missing is None or case.model.segments is not None:
+    if missing is None:
         return known
     basis = term.basis
     amount = term.q[: len(basis.chosen)] if hat is None else _best(known, hat, term)[: len(basis.chosen)]

@@ -32,12 +32,14 @@ OF_CAMERAS = {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
 """What a camera may add to all of its image: as much everywhere, or growing along the load; to every length, or to every displacement."""
 OF_SURFACE = ("flux", "jaws", "jaw_upper", "jaw_lower")
 """What may come through the surface, and temperatures show: through all that is free, or from jaws whose temperature changes."""
+HEATING = ("heat", *OF_SURFACE)
+"""What runs through the heat equation."""
 SIDES = {"all": 0.0, "upper": 1.0, "lower": -1.0}
 """The sign of y of the jaw that changes; 0: both."""
 BETWEEN = 2.0
 """Usual distances of frames between two knots of a history of the jaws at most."""
 SMALL = 1e-4
-"""Part of a parameter by which a heat equation that is linear in temperatures is moved for its difference quotient."""
+"""Part of a parameter, or of its usual size where that is larger, by which it is moved for a difference quotient."""
 PER_MILLE = 1e-3
 """Apparent strain or error of the scale of a unit coefficient, mm/m, and offset of a camera per length, mK/mm."""
 
@@ -122,7 +124,7 @@ class BodyMissing:
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
         the jaws, mm, K, mK/mm and mm/m."""
-        if kind in ("heat", *OF_SURFACE):
+        if kind in HEATING:
             return self._warmed(parameters, self.history(parameters), kind, grid, chosen)
         if kind in ("strain", "scale", "gradient"):
             return self._magnified(parameters, kind, grid, chosen)
@@ -133,7 +135,7 @@ class BodyMissing:
     ) -> np.ndarray | None:
         """Derivatives (n_t, n_s, 1, n) along the named parameters of what heats with these coefficients (m,) add to the temperatures, on
         the motion of the run at `parameters`; None of a kind that does not run through the heat equation."""
-        if kind not in ("heat", *OF_SURFACE):
+        if kind not in HEATING:
             return None
         history = self.history(parameters)
         first = self._warmed(parameters, history, kind, grid, chosen, amount)

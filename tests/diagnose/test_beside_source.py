@@ -11,7 +11,8 @@ from test_protected import THERMAL, Made, found_of, problem
 from virtual_pulls import TRUTH
 
 from thermofit.core.errors import NumericsError
-from thermofit.diagnose.beside_source import beside_source
+from thermofit.diagnose import beside_source as module
+from thermofit.diagnose.beside_source import BesideSource, beside_source
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.rescored import shown_rows
 from thermofit.diagnose.trace import traced
@@ -107,6 +108,20 @@ def test_they_are_known_no_better_than_the_form_of_what_was_added(problem: Made)
     assert bare is not None and told is not None and dict(told.value) == dict(bare.value)
     assert told.sigma["beta"] == pytest.approx(np.hypot(bare.sigma["beta"], 0.3))
     assert told.sigma["c0"] == pytest.approx(np.hypot(bare.sigma["c0"], 0.4)) and told.sigma["kappa"] == bare.sigma["kappa"]
+
+
+def test_they_are_those_beside_one_spot_where_that_is_all(problem: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And where it is, is told with them."""
+    case, fit, *_ = problem(**{"spot_of_this_test.power": 0.05})
+    here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
+    missing = unlisted(here, None, ())
+    assert missing is not None and missing.field is not None
+    grid = Grid(np.zeros(1), np.zeros(1, dtype=int), np.zeros(1), np.array([6.0]), spread=4.0)
+    spot = replace(missing, field=replace(missing.field, basis=replace(missing.field.basis, grid=grid)))
+    beside = BesideSource({"kappa": 131.0}, {"kappa": 2.0})
+    monkeypatch.setattr(module, "as_spot", lambda *_: spot)
+    monkeypatch.setattr(module, "_beside_one_place", lambda *_: beside)
+    assert beside_source(here, missing) == replace(beside, spot=grid)
 
 
 @pytest.mark.parametrize("weight", [1e-3, 1.0])

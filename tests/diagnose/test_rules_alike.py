@@ -166,7 +166,7 @@ class Stepping:
 def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, overshoots: float, words: str) -> None:
     """Every step is that many times the way to kappa = 130, from 110, with a standard error of 1: twice the way goes to and fro without
     end."""
-    hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1, size=1), chosen=np.zeros(1))
+    hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1, size=1, spread=0.0), chosen=np.zeros(1))
 
     def term(_: Any, kappa: float, __: Any = None) -> Any:
         return Stepping(np.array([overshoots * (130.0 - kappa)]), np.ones(1), hat)

@@ -125,8 +125,9 @@ def test_errors_of_the_mesh_are_told_anew_beside_what_is_the_same_everywhere() -
     found = unlisted(replace(here, case=replace(here.case, refined_at=refined)), numerical(), [])
     assert found is not None and found.case is not None and set(found.case.doubts) == {"mesh"}
     ((there, beside),) = asked
-    assert there["kappa"] == before.parameters["kappa"] and set(beside) == {"theta"}
-    ones = np.sum(beside["theta"], axis=-1)[np.searchsorted(MODEL.time, 62.0)].max() / THICK
+    assert there["kappa"] == before.parameters["kappa"] and beside.field == "theta" and beside.kind == "flux"
+    assert np.array_equal(beside.amount, before.field.q), "with its errors"
+    ones = np.sum(beside.by_units(here.case.model.missing, there)["theta"], axis=-1)[np.searchsorted(MODEL.time, 62.0)].max() / THICK
     assert 62.0 / 3.6 / THICK > ones > 5.0, "1 mW/mm^2 on a sheet for 62 s warms by 14 K what loses none"
     assert found.parameters["beta"] - before.parameters["beta"] == pytest.approx(0.05, abs=0.01), "where the data told anew have it"
     told = beside_source(here, found)

@@ -23,6 +23,7 @@ from thermofit.experiment.discretisation import (
 )
 from thermofit.experiment.fields import LoadSteps, refined
 from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.missing import MissingTerm
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
 
@@ -113,15 +114,15 @@ def test_a_channel_that_misses_something_tells_nothing_of_the_mesh() -> None:
 
 
 def test_a_term_that_the_model_lacks_tells_no_shares_beside_it() -> None:
-    """Where what it may add to the prediction is given, the shares are those of data without it, however much it adds; else it is taken for
-    an error."""
+    """Where it is given, the shares are those of data without it, however much it adds; else it is taken for an error."""
     parameters = Parameters.of(TRUTH, ("E",))
     here = joint(("E",), parameters, finer_mesh(COARSE), noise=0.1)
     seen = here.data.temperature
-    assert seen is not None
+    assert seen is not None and here.model.missing is not None
     adds = 0.01 * np.sin(seen.time / 20.0)[:, None, None] * np.ones(seen.value.shape)
     warm = replace(here, data=replace(here.data, temperature=replace(seen, value=seen.value + adds)))
-    term = {"theta": 7.0 * adds[..., None]}
+    grid = here.model.missing.grid("offset", (320, 1, 1))
+    term = MissingTerm("theta", "offset", grid, np.arange(grid.size), np.zeros(grid.size))
     clean, told = corrected(here, parameters, term).shares, corrected(warm, parameters, term).shares
     assert all(abs(told[part] - clean[part]) < 1e-9 for part in clean)
     right, wrong = corrected(here, parameters).shares, corrected(warm, parameters).shares
@@ -217,3 +218,25 @@ def test_steps_in_parts_go_along_the_course_of_the_force() -> None:
     assert parts.crosshead == pytest.approx(2.0 * parts.time) and parts.error[:, 0] == pytest.approx(parts.time)
     chords = replace(steps, course=None).divided(2)
     assert chords.force[1::2] == pytest.approx(0.5 * (chords.force[:-1:2] + chords.force[2::2])), "without a course it is straight"
+
+
+@pytest.mark.parametrize("kind", ["flux", "jaws"])
+def test_the_errors_hold_those_of_a_heat_that_the_model_lacks(kind: str) -> None:
+    """What comes through the surface goes through the same mesh and steps: with its errors the coarse answer to it is nearer to that of a
+    fine mesh, of a flux by a factor of four, of jaws by two. Of a term that heats nothing, they are those without it."""
+    parameters = Parameters.of(TRUTH, ("E",))
+    here = joint(("E",), parameters, noise=0.1)
+    missing = here.model.missing
+    assert missing is not None
+    grid = missing.grid(kind, (320, 1, 1))
+    amount = (0.02 if kind == "flux" else 2.0) * np.sin(2.0 * np.pi * grid.time / 60.0)
+    term = MissingTerm("theta", kind, grid, np.arange(grid.size), amount)
+    history, coarse = here.shown(parameters)
+    plain, told = (numerical_errors(here, parameters, history, coarse, one) for one in (None, term))
+    own = sum(told[part]["theta"] - plain[part]["theta"] for part in (MESH, WITHIN, STEPS))
+    finest = replace(here, size=FINE, substeps=3)
+    exact = finest.warmed_by(term, finest.shown(parameters)[0], parameters)
+    off = here.warmed_by(term, history, parameters) - exact
+    assert _rms(off - own) < (0.4 if kind == "flux" else 0.6) * _rms(off)
+    image = replace(term, kind="offset", amount=np.ones(grid.size))
+    assert all(np.array_equal(numerical_errors(here, parameters, history, coarse, image)[MESH][n], plain[MESH][n]) for n in coarse)

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from virtual_pulls import SIZE, TRUTH, data, model, part, study
 
+from thermofit.body.heat.effects import about_middle
 from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.unlisted_effect import heat_file, over_time_file
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import load_effect
-from thermofit.experiment.missing import KINDS
+from thermofit.experiment.missing import KINDS, spot_values
 from thermofit.experiment.missing_body import OF_SURFACE, BodyMissing, closer
 
 NAME = "planted_for_missing_body"
@@ -45,6 +46,26 @@ def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path, monkeypatc
     assert np.abs(change).max() > 5.0
     assert np.abs(expected - change).max() < 0.04 * np.abs(change).max()
     assert SIZE.n_y == 8 and len(data().phases) == 4
+
+
+@pytest.mark.parametrize("spread", [0.1, 2.0, 9.0])
+@pytest.mark.parametrize("middle", [-7.0, 0.4, 6.25])
+def test_a_spot_has_its_power_and_its_middle_however_small_it_is(middle: float, spread: float) -> None:
+    """On elements that are many times as high: 1 mW/mm^2 of the cross-section, and the first moment of it."""
+    missing = model(study()).missing
+    assert isinstance(missing, BodyMissing)
+    least = missing.spot(5)
+    assert least.places == 1 and len(least.time) == 5
+    grid = replace(least, y=np.array([middle]), spread=spread)
+    (volume,) = np.asarray(missing.volumes(grid))
+    assert volume == pytest.approx(25.0 * 1.2, rel=1e-3 if spread < 5.0 else 0.02), "beyond the parallel length it is wider"
+    ends = np.linspace(-60.0, 60.0, 9)
+    low, high = ends[:-1], ends[1:]
+    points = 0.5 * (low + high)[:, None] + 0.5 * (high - low)[:, None] * np.array([-1.0, 1.0]) / np.sqrt(3.0)
+    weighed = spot_values(grid, low, high, points)[..., 0] * 0.5 * (high - low)[:, None]
+    assert weighed.sum() == pytest.approx(1.0) and (weighed * points).sum() == pytest.approx(middle)
+    heights = np.unique(np.round(about_middle(missing.body)[1], 6))
+    assert 0.0 < least.spread == pytest.approx(0.1 * float(np.max(np.diff(heights))))
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,9 @@ class StripMissing:
         x, y = (np.linspace(v.min(), v.max(), n) for v, n in ((MODEL.x, counts[2] + 2), (MODEL.y, counts[1])))
         return Grid(np.linspace(0.0, 120.0, counts[0]), np.zeros(counts[0], dtype=int), x, y)
 
+    def spot(self, count: int) -> Grid:
+        return Grid(np.linspace(0.0, 120.0, count), np.zeros(count, dtype=int), np.zeros(1), np.zeros(1), spread=1.0)
+
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         if kind == "offset":
             one = time_hats(grid, MODEL.time, np.zeros(len(MODEL.time), dtype=int))[:, chosen]
@@ -190,14 +193,15 @@ def strip_case(
     source: Source | None = None,
     known: tuple[Effect, ...] = KNOWN,
     offset: Callable[[np.ndarray], np.ndarray] | None = None,
+    lab: Strip = FINE,
     **planted: float,
 ) -> Case:
-    """A case whose data come from a finer strip, with a source that the model does not have, planted effects of the camera, and an offset
-    of it over time."""
-    fine = FINE
+    """A case whose data come from a finer strip (or from `lab` with the cells of the model), with a source that the model does not have,
+    planted effects of the camera, and an offset of it over time."""
     truth = BASE.replace(**planted)
-    power = fine.plastic(truth) + (0.0 if source is None else fine.sourced(source))
-    theta = on_cells(fine.run(truth, power)[:, :, 0])
+    power = lab.plastic(truth) + (0.0 if source is None else lab.sourced(source))
+    theta = lab.run(truth, power)[:, :, 0]
+    theta = on_cells(theta) if lab is FINE else theta
     theta = theta if offset is None else theta + offset(MODEL.time)[:, None]
     value = seen(truth, theta) + SIGMA * np.random.default_rng(seed).normal(size=theta.shape)
     shape = (*value.shape, 1)

@@ -3,8 +3,8 @@
 A joint fit spreads a heat that nobody lists over all parameters: they end many of their standard errors away, with small ones. Beside an
 unlisted heat two things are told instead. Parameters that temperatures do not feel are those of the displacements alone. The others are
 those beside a broad source (`protected`); how little is known of that source is part of their standard errors. Beside a term that is the
-same everywhere they are those fitted with it. Standard errors hold what the test prescribes, what may be left of the errors of mesh and
-steps, and what the loop holds of the law that it has added (`FORM`).
+same everywhere, or one spot that leaves nothing else, they are those fitted with it. Standard errors hold what the test prescribes, what
+may be left of the errors of mesh and steps, and what the loop holds of the law that it has added (`FORM`).
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.unlisted import UNSETTLED, Unlisted
+from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.experiment.known_motion import acting_on_temperatures
+from thermofit.experiment.missing import Grid
 from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.combined import taken_for_exact
@@ -39,6 +40,8 @@ class BesideSource:
     value: Mapping[str, float]
     sigma: Mapping[str, float]
     failed: str = ""
+    spot: Grid | None = None
+    """Middle and spread of the one spot beside which they were fitted; None where they were beside something else."""
 
 
 def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
@@ -63,6 +66,9 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     if case.heated is None or case.model.segments is not None:
         return None
     try:
+        spot = as_spot(here, missing)
+        if spot is not None and spot.field is not None:
+            return replace(_beside_one_place(spot.case or case, spot.parameters, spot.field), spot=spot.field.basis.grid)
         moved = on_its_motion(here)
         fit = case.heated(moved.case.parameters)
         found = None if fit is None else protected_at(moved, fit)

@@ -17,8 +17,8 @@ from thermofit.effects.catalogue import effect as effect_named
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.flow_conditions import ONE_RATE, ONE_TEMPERATURE, FlowConditions
 from thermofit.experiment.known_motion import Direction, acts_in_heat
+from thermofit.experiment.missing import MissingTerm
 from thermofit.experiment.model import StageModel
-from thermofit.experiment.prediction import Errors
 from thermofit.experiment.protocol import Carried
 from thermofit.experiment.residuals import Span, span_of
 from thermofit.experiment.trust import Bounds, physical
@@ -72,10 +72,10 @@ class HeatFit:
 
 
 class Sharper(Protocol):
-    """How the errors of a problem are told at parameters; None where it knows them. `beside`: what unit coefficients of a term that the
-    model lacks add to its prediction; where it is given, the errors are told in any case."""
+    """How the errors of a problem are told at parameters; None where it knows them. `beside`: a term that the model lacks,
+    whose own errors are among them; where it is given, the errors are told in any case."""
 
-    def __call__(self, parameters: Parameters, beside: Errors | None = None) -> RefinedProblem | None: ...
+    def __call__(self, parameters: Parameters, beside: MissingTerm | None = None) -> RefinedProblem | None: ...
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from thermofit.diagnose.rescored import EXPLAINED, OF_SOURCE, hidden, share_of_s
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Accepted, Trial, judged_trial
 from thermofit.effects.catalogue import effect, effect_of_param
+from thermofit.experiment.missing import MissingTerm
 from thermofit.experiment.model import Prior, StageModel
-from thermofit.experiment.prediction import Errors
 from thermofit.experiment.several import free_in
 from thermofit.experiment.trust import at_bound, physical
 from thermofit.fit.result import FitResult
@@ -117,7 +117,7 @@ def _wider_again(sharper: Sharper | None, names: Sequence[str]) -> Sharper | Non
     if sharper is None:
         return None
 
-    def sharp(parameters: Parameters, beside: Errors | None = None) -> RefinedProblem | None:
+    def sharp(parameters: Parameters, beside: MissingTerm | None = None) -> RefinedProblem | None:
         """The problem told at parameters, without these bounds and data in any of its fits; None where there is nothing to tell."""
         found = sharper(parameters) if beside is None else sharper(parameters, beside)
         if found is None:

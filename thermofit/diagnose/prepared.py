@@ -24,7 +24,7 @@ from thermofit.experiment.forms import experiment_after, experiment_of
 from thermofit.experiment.instruments import station_names
 from thermofit.experiment.joint import JointParts
 from thermofit.experiment.joint_errors import JointWithErrors, told, too_far
-from thermofit.experiment.prediction import Errors
+from thermofit.experiment.missing import MissingTerm
 from thermofit.experiment.protocol import Experiment, JointProblem
 from thermofit.experiment.verification import identified_stages
 from thermofit.fit.memory import memories
@@ -185,7 +185,7 @@ def told_again(plain: JointParts, before: JointWithErrors, refit: JointFit, adde
     and these errors were those of a contact that conducts nothing; an effect that was added brings gradients of its own.
     """
 
-    def sharp(parameters: Parameters, beside: Errors | None = None) -> RefinedProblem | None:
+    def sharp(parameters: Parameters, beside: MissingTerm | None = None) -> RefinedProblem | None:
         """The problem told at parameters; None where it is told already, or nothing was added while the model misses more there than the
         error of the force could explain."""
         found, news = before, beside is not None or not _effects_of(parameters.free) <= added

@@ -71,20 +71,23 @@ def exponents_again(here: Traced, fit: FitResult, earlier: Sequence[str], means:
 
     In its own round an effect stands in for all that is still missing, and its exponent is held where that is best; beside later effects it
     describes its own part. All together are tried, those of each effect, and each alone; what does not settle or leaves a parameter
-    without a value of its own is not taken. On bodies, where a refit takes minutes, none is tried.
+    without a value of its own is not taken. On bodies, where a refit takes minutes, all together are tried, and taken as in a round of
+    their own: where the objective falls by it.
     """
-    if not earlier or not here.case.cheap:
-        return Rejudged(here, fit)
     free = here.case.parameters.free
     groups = [tuple(p.name for p in effect(name).exponents if p.name not in free) for name in earlier]
     every = tuple(n for group in groups for n in group)
+    if not every:
+        return Rejudged(here, fit)
+    if not here.case.cheap:
+        return _moved_on(here, fit, every, means)
     best: tuple[float, Traced, FitResult, tuple[str, ...]] | None = None
     for names in dict.fromkeys((every, *groups, *((n,) for n in every))):
         found = freed_refit((here.case.parameters, fit), names, " ".join(("again", *names)), means.refit)[0]
         if found is None or not found[1].converged:
             continue
         there = means.at_end(here, found)
-        if set(ends_of_fit(there, found[1])) - set(ends_of_fit(here, fit)):
+        if _bought(here, fit, there, found[1]):
             continue
         inside = compared(
             held_out_of(here), held_out_of(there), here.rows, len(here.split.held_out), here.problem.model.noise, there.columns.residual
@@ -98,6 +101,24 @@ def exponents_again(here: Traced, fit: FitResult, earlier: Sequence[str], means:
     gain, there, after, names = best
     said = f"{', '.join(f'{n} = {there.case.parameters[n]:.3g}' for n in names)}: fitted beside the later effects, by which held-out error "
     return Rejudged(there, after, (), (f"{said}falls by {100.0 * gain:.0f} %",))
+
+
+def _moved_on(here: Traced, fit: FitResult, held: Sequence[str], means: Means) -> Rejudged:
+    """The optimum of a body where held exponents are free as well; the same where it is no better, or leaves a parameter without a value of
+    its own."""
+    found, words = freed_refit((here.case.parameters, fit), tuple(held), " ".join(("again", *held)), means.refit)
+    if found is None:
+        return Rejudged(here, fit)
+    there = means.at_end(here, found)
+    if _bought(here, fit, there, found[1]):
+        return Rejudged(here, fit)
+    values = ", ".join(f"{n} = {there.case.parameters[n]:.3g}" for n in held)
+    return Rejudged(there, found[1], (), (f"{values}: asked again beside the later effects; {words}",))
+
+
+def _bought(here: Traced, fit: FitResult, there: Traced, after: FitResult) -> bool:
+    """Whether a parameter that had a value of its own has none at the other end."""
+    return bool(set(ends_of_fit(there, after)) - set(ends_of_fit(here, fit)))
 
 
 def suspicion(here: Traced, fit: FitResult, name: str, before: Mapping[str, str]) -> str:

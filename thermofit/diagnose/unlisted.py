@@ -24,18 +24,19 @@ from thermofit.diagnose.protected import either_sign, no_farther
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
-from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, MissingField, believed, field_of, proved, roughness
+from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, MissingField, believed, field_of, likeliest, proved, roughness
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_slopes import beside_term
+from thermofit.diagnose.unlisted_spot import nearest
 from thermofit.diagnose.unlisted_steps import better, in_steps
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.known_motion import acting_on_temperatures
-from thermofit.experiment.missing import KINDS, Grid
+from thermofit.experiment.missing import KINDS, Grid, MissingTerm
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.variables import RECIPROCAL
 
@@ -474,10 +475,23 @@ def at_parameters(here: Traced, there: Case, structure: Structure, term: Missing
     """A term of a traced case where the parameters of another one are, with their next step beside it. NumericsError where a run fails."""
     parameters, own = there.parameters, term.basis
     known = LinearModel(*there.model.linearised(parameters, parameters.free))
+    if own.grid.spread:
+        return at_spot(known, here, there, structure, term)
     alike = own.grid.places == 1 and there.model.segments is None
     hat = alike_beside(there, structure, term) if alike else basis(there, structure, own.kind, own.grid, own.chosen)
     known = beside_term(known, there, parameters, term, hat)
     return over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
+
+
+def at_spot(known: LinearModel, here: Traced, there: Case, structure: Structure, term: MissingField) -> MissingField:
+    """The same of a term that is one spot, which moves to where it fits best; `known`: the linear model where the parameters are."""
+    least = None if there.model.missing is None else there.model.missing.spot(len(term.basis.grid.time))
+    assert least is not None, "a spot has a place"
+    hats = partial(_every_hat, there, structure, term.basis.kind)
+    first = hats(term.basis.grid)
+    weight = likeliest(known, first)
+    beside = beside_term(known, there, there.parameters, replace(term, weight=weight), first)
+    return nearest(beside, hats, term.basis.grid, (weight, least.spread), here.rows, here.split)
 
 
 def _rests(term: MissingField, rest: np.ndarray) -> bool:
@@ -510,10 +524,8 @@ def told_beside(
     follow it there, and why they are those of before, where a run fails. Errors that were told where what is missing had driven the
     parameters are those of another contact and other gradients, and would be taken for the parameters' own. How much of these errors the
     data hold is what they show beyond parameters and term, whatever its coefficients are: a term that is wrong would have them agree."""
-    case, kind = here.case, term.basis.kind
-    assert case.model.missing is not None
-    asked = kind, parameters, about(term), term.basis.chosen
-    adds = {observed_field(structure.blocks.channel): case.model.missing.answers(*asked), **case.model.missing.elsewhere(*asked)}
+    case, chosen = here.case, term.basis.chosen
+    adds = MissingTerm(observed_field(structure.blocks.channel), term.basis.kind, about(term), chosen, term.q[: len(chosen)])
     try:
         sharp = None if case.refined_at is None else case.refined_at(parameters, adds)
         if sharp is None:
@@ -538,6 +550,29 @@ def over_time(known: LinearModel, hat: Basis, here: Traced) -> MissingField:
 def solved(here: Traced, hat: Basis) -> MissingField:
     """Field of a basis at the optimum."""
     return field_of(here.problem.model, hat, here.rows, here.split)
+
+
+def as_spot(here: Traced, found: Unlisted) -> Unlisted | None:
+    """An unlisted heat of a body that has a place as one spot, with the parameters fitted beside it; None where it is none, where these do
+    not settle, or where the spot leaves structure: it is then not all of what is missing. None as well where the errors of the mesh cannot
+    be told beside it, for it may be smaller than an element. NumericsError where its first run fails."""
+    missing, place, structure = here.case.model.missing, found.place, found.structure
+    if missing is None or found.field is None or place is None or found.field.basis.kind != "heat":
+        return None
+    grid = missing.spot(IN_TIME)
+    if grid is None or found.field.basis.grid.places == 1:
+        return None
+    apart, _ = undriven(here, structure)
+    grid = replace(grid, y=np.array([place.centroid[1]]), spread=max(place.extent[1], grid.spread))
+    hat = _every_hat(apart.case, structure, "heat", grid)
+    first = beside_optimum(here, field_of(apart.problem.model, hat, here.rows, here.split, likeliest(apart.problem.model, hat)))
+    term, parameters, remark = settled(apart, structure, first)
+    if remark:
+        return None
+    case, then, parameters, said = told_beside(apart, structure, term, parameters)
+    if case is apart.case or said == UNSETTLED or replace(structure, excess=structure.blocks.excess(then.residual)).stands_out:
+        return None
+    return replace(found, field=then, parameters=parameters, case=case, remark=said)
 
 
 def volumes(case: Case, hat: Basis) -> np.ndarray | None:

@@ -29,10 +29,12 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import Measured, displacement_of, temperature_of
 from thermofit.experiment.force_error import with_force_error
 from thermofit.experiment.joint import Joint, Known
+from thermofit.experiment.missing import MissingTerm
+from thermofit.experiment.missing_body import HEATING, BodyMissing
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.fit.linear_model import LinearModel
-from thermofit.observe.observation import FieldObservation
+from thermofit.observe.observation import FieldObservation, ReadsFace, face_operator, smooth_operator
 from thermofit.study.section import MeshSize, SheetSize
 
 FINER = 1.5
@@ -106,13 +108,23 @@ def finer_mesh(size: MeshSize) -> MeshSize:
     return size.with_counts({**counts, "n_y": 2 * int(np.ceil(0.5 * FINER * size.n_y))})
 
 
-def numerical_errors(joint: Joint, parameters: Parameters, history: History, coarse: Errors) -> dict[str, Errors]:
+def numerical_errors(
+    joint: Joint, parameters: Parameters, history: History, coarse: Errors, beside: MissingTerm | None = None
+) -> dict[str, Errors]:
     """Errors of mesh, steps and, of a sheet, its one layer in the predicted fields of a joint problem, by cause and part; `history`,
-    `coarse`: its run and errors. NumericsError where a run fails."""
+    `coarse`: its run and errors; `beside`: a term that the model lacks, whose heat goes through the same mesh. NumericsError where a run
+    fails."""
+
+    def told(one: Joint, ran: History, errors: Errors, operator: ReadsFace = face_operator) -> Errors:
+        if beside is None or beside.kind not in HEATING:
+            return errors
+        return {**errors, "theta": errors["theta"] + one.warmed_by(beside, ran, parameters, operator)}
+
     finer, slower = replace(joint, size=finer_mesh(joint.size)), replace(joint, substeps=2 * joint.substeps)
     finer_history, fine = finer.shown(parameters)
-    slow = slower.shown(parameters)[1]
-    smooth, fine_smooth = joint.smoothed(history, parameters), finer.smoothed(finer_history, parameters)
+    smooth = told(joint, history, joint.smoothed(history, parameters), smooth_operator)
+    fine_smooth = told(finer, finer_history, finer.smoothed(finer_history, parameters), smooth_operator)
+    coarse, fine, slow = told(joint, history, coarse), told(finer, finer_history, fine), told(slower, *slower.shown(parameters))
     kept = 0.5 ** ORDER[joint.study.numerics.heat_integration]
     found = {
         MESH: {name: (smooth[name] - fine_smooth[name]) / (1.0 - FINER**-2) for name in coarse},
@@ -122,21 +134,22 @@ def numerical_errors(joint: Joint, parameters: Parameters, history: History, coa
     }
     if isinstance(joint.size, SheetSize):
         # The elements in the plane are the same, and so are their arcs.
-        body = replace(joint, size=joint.size.body).shown(parameters)[1]
+        whole = replace(joint, size=joint.size.body)
+        body = told(whole, *whole.shown(parameters))
         found[SHEET] = {name: (coarse[name] - body[name]) / (1.0 - sheet_on_mesh(joint.size.body)) for name in coarse}
     return found
 
 
-def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None) -> Discretised:
-    """The joint problem that knows the errors of its mesh, steps and prescribed force at given parameters; `beside`: what unit coefficients
-    of a term that the model lacks add to its prediction (n_t, n_s, n_c, m), by field. NumericsError where a run fails.
+def corrected(joint: Joint, parameters: Parameters, beside: MissingTerm | None = None) -> Discretised:
+    """The joint problem that knows the errors of its mesh, steps and prescribed force at given parameters; `beside`: a term that the model
+    lacks, whose own errors are among them. NumericsError where a run fails.
 
     Data of a specimen hold all of these errors, those of a virtual test on the same mesh nothing of them: the shares are those that the
     residual shows beyond what the fitted parameters, and the term, could take up.
     """
     history, coarse = joint.shown(parameters)
     joint = with_force_error(joint, parameters)
-    errors = numerical_errors(joint, parameters, history, coarse)
+    errors = numerical_errors(joint, parameters, history, coarse, beside)
     exact = joint.without_force_error().model
 
     def told(model: StageModel) -> Parts:
@@ -149,7 +162,7 @@ def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None
     assert model.linearise is not None
     plain, slopes = model.linearise(parameters, names)
     residual, fitted = model.assembled(parameters, names, plain, slopes)
-    shares = shares_held(own, residual, np.hstack([fitted, *_of_term(model, plain, beside)]), model.places)
+    shares = shares_held(own, residual, np.hstack([fitted, *_of_term(model, plain, parameters, history, beside)]), model.places)
     held = {part: {name: shares[part] * field for name, field in error.items()} for part, error in errors.items()}
     whole = {name: np.sum([error[name] for error in held.values()], axis=0) for name in coarse}
     return Discretised(
@@ -165,13 +178,14 @@ def corrected(joint: Joint, parameters: Parameters, beside: Errors | None = None
     )
 
 
-def _of_term(model: StageModel, plain: Errors, beside: Errors | None) -> list[np.ndarray]:
-    """Columns (n, m) of a term that the model lacks; none where it lacks none."""
-    if not beside:
+def _of_term(model: StageModel, plain: Errors, parameters: Parameters, history: History, beside: MissingTerm | None) -> list[np.ndarray]:
+    """Columns (n, m) of the hats of a term that the model lacks, at parameters that it has run with; none where it lacks none."""
+    if beside is None:
         return []
-    m = next(iter(beside.values())).shape[-1]
-    shown = {name: beside[name] if name in beside else np.zeros((*error.shape, m)) for name, error in plain.items()}
-    return [np.concatenate([model.assemble_jacobian(plain, shown), np.zeros((len(model.priors), m))])]
+    assert isinstance(model.missing, BodyMissing), "a term is one of a body"
+    adds = beside.by_units(model.missing.on(history, parameters), parameters)
+    shown = {name: adds[name] if name in adds else np.zeros((*error.shape, len(beside.chosen))) for name, error in plain.items()}
+    return [np.concatenate([model.assemble_jacobian(plain, shown), np.zeros((len(model.priors), len(beside.chosen)))])]
 
 
 def _left(told: Parts, shares: Mapping[str, float]) -> Parts:

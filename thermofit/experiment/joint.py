@@ -23,6 +23,7 @@ from thermofit.experiment.forward import MechanicalRun, Sampler, march_settings,
 from thermofit.experiment.held import AnyRun, LastRun, held_run
 from thermofit.experiment.instruments import Instruments, JointPrediction, station_names
 from thermofit.experiment.known_motion import Direction, acting_on_temperatures, along, freely_expanding, keeping_points
+from thermofit.experiment.missing import MissingTerm
 from thermofit.experiment.missing_body import BodyMissing
 from thermofit.experiment.model import Prior, StageModel, steps_for
 from thermofit.experiment.prediction import Errors
@@ -220,6 +221,13 @@ class Joint:
     def smoothed(self, history: History, parameters: Parameters) -> Errors:
         """Error fields of a history of the parameters, read off smoothly between the nodes of the mesh."""
         return self._looking_at(self.run, self.run, self._observations(heat=True), smooth_operator).of(history, parameters)
+
+    def warmed_by(self, term: MissingTerm, history: History, parameters: Parameters, operator: ReadsFace = face_operator) -> np.ndarray:
+        """What a term that heats adds to the temperatures (n_t, n_s, 1) on the motion of a history of the parameters, as an operator reads
+        them off."""
+        instruments = self._looking_at(self.run, self.run, self._observations(heat=True), operator).instruments
+        missing = BodyMissing(instruments, self.run, {}).on(history, parameters)
+        return np.asarray(missing.answers(term.kind, parameters, term.grid, term.chosen) @ term.amount)
 
     def histories(self, parameters: Parameters) -> tuple[History, ...]:
         """The coupled run, with its points kept."""

@@ -13,6 +13,7 @@ import numpy as np
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.discretisation import Parts, corrected, summed
 from thermofit.experiment.joint import JointParts, Known
+from thermofit.experiment.missing import MissingTerm
 from thermofit.experiment.prediction import Errors
 
 FAR = 9.0
@@ -40,9 +41,9 @@ class JointWithErrors:
     """Error fields of each test where they were told, and their derivatives by what is free."""
 
 
-def told(plain: JointParts, parameters: Parameters, beside: Errors | None = None) -> JointWithErrors:
-    """Errors of a joint problem at given parameters; `beside`: what unit coefficients of a term that the model lacks add to the
-    prediction of its only test. NumericsError where a run fails."""
+def told(plain: JointParts, parameters: Parameters, beside: MissingTerm | None = None) -> JointWithErrors:
+    """Errors of a joint problem at given parameters; `beside`: a term that the model lacks in its only test. NumericsError where a run
+    fails."""
     each = {name: corrected(part, plain.seen_by(parameters, name), beside) for name, part in plain.each.items()}
     parts = plain.rebuilt({name: one.joint for name, one in each.items()})
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import norm
 
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.coupon_records import CouponTest
@@ -53,7 +54,8 @@ KINDS: Mapping[str, Kind] = {
 class Grid:
     """Knots of hats: `time` s (n_k,) with the number `part` (n_k,) of the record that each belongs to, `x` and `y` mm over the face.
 
-    A coupon has one place. `components` is 2 for displacements. Coefficients are ordered (n_k, n_y, n_x, components).
+    A coupon has one place. `components` is 2 for displacements. Coefficients are ordered (n_k, n_y, n_x, components). With a `spread` s mm
+    the one place is the normal density exp(-((y - y_0) / s)^2 / 2) / (sqrt(2 pi) s) 1/mm about the one knot y_0, in the stead of a hat.
     """
 
     time: np.ndarray
@@ -61,6 +63,7 @@ class Grid:
     x: np.ndarray
     y: np.ndarray
     components: int = 1
+    spread: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -96,10 +99,45 @@ def time_hats(grid: Grid, time: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 
 def place_hats(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values (..., n_y n_x) of the hats over the face; x beyond the last knot counts as that."""
+    """Values (..., n_y n_x) of the hats over the face, x beyond the last knot counts as that; with a spread, of the place."""
+    if grid.spread:
+        return np.asarray(norm.pdf(y[..., None], grid.y, grid.spread))
     across = hats(grid.x, np.clip(x, grid.x[0], grid.x[-1]))
     along = hats(grid.y, y)
     return np.asarray((along[..., :, None] * across[..., None, :]).reshape(*along.shape[:-1], grid.places))
+
+
+def spot_values(grid: Grid, low: np.ndarray, high: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Values (n_el, n_q, 1) in 1/mm at points of integration y (n_el, n_q) of the place p(y) of a grid with a spread, in elements between
+    heights low and high (n_el,) mm: the straight line with its zeroth and first moments there,
+
+        v = m_0 / 2 + 3/2 xi m_1,   m_k = int_-1^1 xi^k p(c + h xi) d xi,   xi = (y - c) / h,
+
+    c the middle and h half of the height. So what is smaller than an element has the nodal heat of its own density.
+    """
+    c, h = 0.5 * (low + high), 0.5 * (high - low)
+    off, s = grid.y - c, grid.spread
+    a, b = ((end - grid.y) / s for end in (low, high))
+    power = norm.cdf(b) - norm.cdf(a)
+    zeroth, first = power / h, (off * power - s * (norm.pdf(b) - norm.pdf(a))) / h**2
+    xi = (y - c[:, None]) / h[:, None]
+    return np.asarray((0.5 * zeroth[:, None] + 1.5 * xi * first[:, None])[..., None])
+
+
+@dataclass(frozen=True)
+class MissingTerm:
+    """A term that a model lacks: the observed field that shows it, its kind, the chosen hats (m,) of a grid and their coefficients (m,)."""
+
+    field: str
+    kind: str
+    grid: Grid
+    chosen: np.ndarray
+    amount: np.ndarray
+
+    def by_units(self, missing: Missing, parameters: Parameters) -> dict[str, np.ndarray]:
+        """What unit coefficients add to observed fields (n_t, n_s, n_c, m) by a model at parameters."""
+        asked = self.kind, parameters, self.grid, self.chosen
+        return {self.field: missing.answers(*asked), **missing.elsewhere(*asked)}
 
 
 class YieldTerms(Protocol):
@@ -151,6 +189,10 @@ class Missing(Protocol):
     def everywhere(self, counts: tuple[int, int]) -> Grid | None:
         """Hats of a heat source over the whole specimen, beyond what is observed too, `counts` of them in time and in y where it is
         observed; None where a term has no place on a specimen."""
+
+    def spot(self, count: int) -> Grid | None:
+        """A spot of heat in the middle of what is observed, with `count` hats in time and the least spread that the mesh shows; None where
+        a term has no place on a specimen."""
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the m chosen hats."""

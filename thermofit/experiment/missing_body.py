@@ -19,7 +19,7 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.instruments import Instruments, carried
-from thermofit.experiment.missing import KINDS, Grid, place_hats, time_hats
+from thermofit.experiment.missing import KINDS, Grid, place_hats, spot_values, time_hats
 from thermofit.law.page import law_of
 from thermofit.observe.observation import FieldObservation
 
@@ -40,6 +40,8 @@ BETWEEN = 2.0
 """Usual distances of frames between two knots of a history of the jaws at most."""
 SMALL = 1e-4
 """Part of a parameter, or of its usual size where that is larger, by which it is moved for a difference quotient."""
+LEAST = 0.1
+"""Part of the height of an element below which a spot is a point for it."""
 PER_MILLE = 1e-3
 """Apparent strain or error of the scale of a unit coefficient, mm/m, and offset of a camera per length, mK/mm."""
 
@@ -121,6 +123,12 @@ class BodyMissing:
         time = np.quantile(seen.time, np.linspace(0.0, 1.0, counts[0]))
         return replace(observed, time=time, x=np.zeros(1), y=np.array([ends.min(), *observed.y, ends.max()]))
 
+    def spot(self, count: int) -> Grid:
+        """A spot of heat in the middle of what is observed; it is no narrower than LEAST of the highest element, within which no spread is
+        seen."""
+        grid, (low, high) = self.everywhere((count, 1)), self._heights()
+        return replace(grid, y=np.array([0.5 * (grid.y[0] + grid.y[-1])]), spread=LEAST * float(np.max(high - low)))
+
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
         the jaws, mm, K, mK/mm and mm/m."""
@@ -148,20 +156,34 @@ class BodyMissing:
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the whole specimen under each hat."""
-        weights = place_hats(grid, *self._points(grid))
+        weights = self._places(grid)
         return np.asarray(self.body.symmetry * np.einsum("eq,eqn->n", self.body.data.volume, weights))
 
-    def _points(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    def _places(self, grid: Grid) -> np.ndarray:
+        """Values (n_el, 8, n_places) of the hats at the points of integration; of a spot those with which its power and its first moment in
+        every element are exact, for it may be smaller than that."""
         x, y = (at_points(self.body, c) for c in about_middle(self.body))
-        return (np.abs(x) if self.folded else x), y
+        if not grid.spread:
+            return place_hats(grid, np.abs(x) if self.folded else x, y)
+        low, high = self._heights()
+        return spot_values(grid, low, high, y)
+
+    def _heights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest height (n_el,) mm of every element, from the middle of the body."""
+        y = about_middle(self.body)[1][self.body.mesh.hexes]
+        return y.min(axis=1), y.max(axis=1)
 
     def history(self, parameters: Parameters) -> History:
         """The run at the parameters."""
-        key = tuple(sorted(parameters.values.items()))
+        key = _key(parameters)
         if key not in self.kept:
             self.kept.clear()
             self.kept[key] = self.instruments.run(parameters)
         return self.kept[key]
+
+    def on(self, history: History, parameters: Parameters) -> BodyMissing:
+        """The same, which has run at these parameters."""
+        return replace(self, kept={_key(parameters): history})
 
     def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
         """Change (n_t, n_s, n_c, m) of other observed fields than the own one by unit coefficients: a pixel of the infrared camera is given
@@ -196,7 +218,7 @@ class BodyMissing:
         """Change (n_t, n_s, 1, m) of temperatures by unit coefficients on a known motion; (n_t, n_s, 1, 1) by all with an `amount` (m,)."""
         sampler, seen = self.instruments.samplers["theta"], self.instruments.observations["theta"]
         columns = len(chosen) if amount is None else 1
-        loads = None if kind in OF_SURFACE else nodal_heat(self.body, place_hats(grid, *self._points(grid)))
+        loads = None if kind in OF_SURFACE else nodal_heat(self.body, self._places(grid))
         on = self.instruments.changes("theta", parameters)
         out = np.zeros((len(seen.time), len(seen.xy), 1, columns))
         view = self.instruments.view("theta", history) if on else None
@@ -268,7 +290,7 @@ class BodyMissing:
         """State variables (n_k, n_places) at the knots: means over the hats of temperature rise and axial strain with its rate, the load
         and its rate, and where and when it is."""
         history = self.history(parameters)
-        weights = place_hats(grid, *self._points(grid)) * self.body.data.volume[:, :, None]
+        weights = self._places(grid) * self.body.data.volume[:, :, None]
         total = np.maximum(weights.sum(axis=(0, 1)), 1e-12)
         rise, strain = [], []
         for theta, u in zip(history.theta, history.u, strict=True):
@@ -281,6 +303,11 @@ class BodyMissing:
         out = {name: _at_knots(history.time, value, grid.time) for name, value in found.items()}
         x, y = np.tile(grid.x, len(grid.y)), np.repeat(grid.y, len(grid.x))
         return out | {"x": np.tile(x, (len(grid.time), 1)), "y": np.tile(y, (len(grid.time), 1))}
+
+
+def _key(parameters: Parameters) -> tuple[tuple[str, float], ...]:
+    """By what a run is kept."""
+    return tuple(sorted(parameters.values.items()))
 
 
 def _field_of(kind: str) -> str:

@@ -59,6 +59,9 @@ class CouponMissing:
     def everywhere(self, counts: tuple[int, int]) -> None:
         """Nothing: a coupon has no place."""
 
+    def spot(self, count: int) -> None:
+        """Nothing: a coupon has no place."""
+
     def grid(self, kind: str, counts: tuple[int, int, int]) -> Grid:
         """Hats in time alone; every record has its share of samples, four at least, one after as many samples as another."""
         whole = sum(len(t.time) for t in self.records)

@@ -1,0 +1,149 @@
+"""A heat that nobody lists and that has a place, as one spot beside which parameters are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from refits import fitted
+from scipy.stats import norm
+from strip import BASE, MODEL, Source, strip_case
+
+from thermofit.diagnose.held_out import Rows, Split
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.unlisted import Unlisted, as_spot, at_parameters, unlisted
+from thermofit.diagnose.unlisted_field import Basis, roughness
+from thermofit.diagnose.unlisted_spot import nearest
+from thermofit.experiment.missing import Grid, hats
+from thermofit.fit.linear_model import LinearModel
+
+TIME, HEIGHT = np.linspace(0.0, 100.0, 21), np.linspace(-30.0, 30.0, 61)
+T, Y = (v.ravel() for v in np.meshgrid(TIME, HEIGHT, indexing="ij"))
+GRID = Grid(TIME, np.zeros(len(TIME), dtype=int), np.zeros(1), np.zeros(1), spread=4.0)
+
+
+def hats_at(grid: Grid) -> Basis:
+    """Hats of a spot that is seen as it is, in units of the noise."""
+    chosen = np.arange(grid.size)
+    columns = hats(grid.time, T) * norm.pdf(Y, grid.y[0], grid.spread)[:, None] * 50.0
+    return Basis("heat", "mW/mm^3", grid, chosen, np.arange(len(T)), columns, roughness(grid, chosen))
+
+
+def seen(middle: float, spread: float) -> tuple[LinearModel, Rows, Split]:
+    """What a fit with a level and a slope leaves of a spot whose power comes and goes."""
+    truth = 2.0 * (1.0 + np.sin(T / 15.0)) * norm.pdf(Y, middle, spread) * 50.0
+    residual = -truth + np.random.default_rng(3).standard_normal(len(T))
+    rows = Rows(np.zeros(len(T), dtype=int), T, np.stack([0.0 * Y, Y], axis=1), np.zeros(len(T), dtype=int))
+    fifths = tuple(np.arange(len(T)) // 5 % 5 == k for k in range(5))
+    return LinearModel(residual, np.stack([np.ones_like(T), Y / 30.0], axis=1)), rows, Split(fifths, fifths, "fifths")
+
+
+@pytest.mark.parametrize(("y", "spread"), [(0.0, 4.0), (12.0, 1.0), (-12.0, 15.0)])
+def test_middle_and_spread_are_found(y: float, spread: float) -> None:
+    """From beside it, from one of a third of its size, and from one that covers nearly all."""
+    model, rows, split = seen(7.3, 3.0)
+    found = nearest(model, hats_at, replace(GRID, y=np.array([y]), spread=spread), (1e-3, 0.5), rows, split)
+    grid, m = found.basis.grid, GRID.size
+    assert grid.y[0] == pytest.approx(7.3, abs=0.1) and grid.spread == pytest.approx(3.0, rel=0.02)
+    assert found.basis.columns.shape[1] == m + 2 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
+
+
+def test_a_spot_is_no_narrower_than_the_mesh_shows() -> None:
+    """Of one that would be, the spread is held at the least, and not fitted."""
+    model, rows, split = seen(7.3, 0.8)
+    found = nearest(model, hats_at, GRID, (1e-3, 2.0), rows, split)
+    assert found.basis.grid.spread == 2.0 and found.basis.grid.y[0] == pytest.approx(7.3, abs=0.5)
+    assert found.basis.columns.shape[1] == GRID.size + 1
+
+
+def across(power: float, y0: float, size: float) -> Source:
+    """A source as wide as the strip about a height, of that power in mW/mm^2 of its cross-section, that comes and goes."""
+
+    def source(x: np.ndarray, y: np.ndarray, time: float) -> np.ndarray:
+        density = np.exp(-0.5 * ((y - y0) / size) ** 2) / (np.sqrt(2.0 * np.pi) * size)
+        return np.asarray(power * (1.0 + np.sin(2.0 * np.pi * time / 55.0)) * density + 0.0 * x)
+
+    return source
+
+
+def told(*sources: Source) -> tuple[Traced, Unlisted]:
+    """A strip of the model's own cells, so that the mesh has no errors, with these sources at its optimum without them, and what is told as
+    unlisted."""
+    case = fitted(strip_case(3, lambda x, y, t: sum((s(x, y, t) for s in sources), 0.0 * x), lab=MODEL))[0]
+    sharp: Any = SimpleNamespace(model=case.model, doubts={})
+    here = traced(replace(case, refined_at=lambda parameters, beside=None: sharp))
+    found = unlisted(here, None, [])
+    assert found is not None and found.field is not None and found.field.basis.grid.places > 1
+    return here, found
+
+
+@pytest.fixture(scope="module")
+def one() -> tuple[Traced, Unlisted, Unlisted]:
+    """A strip with one spot, what is told of it, and that as one spot."""
+    here, found = told(across(0.8, 8.0, 4.0))
+    spot = as_spot(here, found)
+    assert spot is not None
+    return here, found, spot
+
+
+def test_parameters_beside_a_spot_come_back_though_it_drove_them_off(one: tuple[Traced, Unlisted, Unlisted]) -> None:
+    """Within three standard errors, of which the optimum without it is many off; where it is within half a millimetre, its spread and its
+    power over time within a tenth."""
+    here, _, spot = one
+    assert spot.field is not None
+    names, sigma = spot.parameters.free, spot.field.uncertainty
+    off = [(spot.parameters[n] - BASE[n]) / s for n, s in zip(names, sigma, strict=True)]
+    assert np.abs(off).max() < 3.0, dict(zip(names, off, strict=True))
+    assert max(abs(here.case.parameters[n] - BASE[n]) / s for n, s in zip(names, sigma, strict=True)) > 10.0
+    grid, power = spot.field.basis.grid, spot.field.values[:, 0, 0, 0]
+    assert grid.y[0] == pytest.approx(8.0, abs=0.5) and grid.spread == pytest.approx(4.0, rel=0.1)
+    inside = (grid.time > 10.0) & (grid.time < 110.0)
+    truth = 0.8 * (1.0 + np.sin(2.0 * np.pi * grid.time / 55.0))
+    assert np.sqrt(np.mean((power - truth)[inside] ** 2)) < 0.1 * truth.max()
+    assert sigma[0] < 0.1 * BASE[names[0]], "and they are known"
+
+
+def test_a_spot_is_found_from_where_it_is_not(one: tuple[Traced, Unlisted, Unlisted]) -> None:
+    """From 6 mm beside it and three times as wide; it moves no way along which the squares rise."""
+    here, found, spot = one
+    assert spot.field is not None
+    begin = replace(spot.field, basis=replace(spot.field.basis, grid=replace(spot.field.basis.grid, y=np.array([14.0]), spread=12.0)))
+    again = at_parameters(here, replace(here.case, parameters=spot.parameters), found.structure, begin).basis.grid
+    assert again.y[0] == pytest.approx(spot.field.basis.grid.y[0], abs=0.05)
+    assert again.spread == pytest.approx(spot.field.basis.grid.spread, rel=0.03)
+
+
+def test_its_place_is_not_known_for_certain(one: tuple[Traced, Unlisted, Unlisted]) -> None:
+    """Middle and spread are fitted with the parameters: two columns more than hats, and larger standard errors than beside a spot that is
+    held."""
+    spot = one[-1]
+    assert spot.field is not None
+    field, m = spot.field, len(spot.field.basis.chosen)
+    assert field.basis.columns.shape[1] == m + 2 and len(field.q) == m + 2
+    doubt = np.sqrt(np.diag(field.posterior)[m:])
+    assert np.all(doubt > 0.0) and doubt[0] < 0.3 and doubt[1] < 0.1
+    assert abs(field.basis.grid.y[0] - 8.0) < 4.0 * doubt[0]
+
+
+def test_two_spots_are_not_one() -> None:
+    """What one spot leaves stands out: parameters beside it are not told."""
+    here, found = told(across(0.8, 12.0, 2.5), across(-0.7, -14.0, 2.5))
+    assert as_spot(here, found) is None
+
+
+def test_a_spot_that_the_mesh_may_not_show_tells_no_parameters(one: tuple[Traced, Unlisted, Unlisted]) -> None:
+    """Where its errors cannot be told beside it."""
+    here, found, _ = one
+    assert as_spot(replace(here, case=replace(here.case, refined_at=None)), found) is None
+
+
+def test_what_is_the_same_everywhere_is_no_spot(one: tuple[Traced, Unlisted, Unlisted]) -> None:
+    here, found, _ = one
+    assert found.field is not None
+    grid = replace(found.field.basis.grid, x=np.zeros(1), y=np.zeros(1))
+    assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, grid=grid)))) is None
+    assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, kind="displacement")))) is None
+    assert as_spot(here, replace(found, field=None)) is None

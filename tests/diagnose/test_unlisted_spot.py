@@ -129,7 +129,7 @@ def test_its_place_is_not_known_for_certain(one: tuple[Traced, Unlisted, Unliste
 
 
 def test_two_spots_are_not_one() -> None:
-    """What one spot leaves stands out, though parameters settle beside it: they are not told. Beside two that are alike they do not settle."""
+    """What one spot leaves stands out, though parameters settle beside it. Beside two that are alike they do not settle."""
     for second in (-0.2, -0.7):
         assert as_spot(*told(across(0.8, 12.0, 2.5), across(second, -14.0, 2.5))) is None
 

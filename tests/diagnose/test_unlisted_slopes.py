@@ -60,6 +60,22 @@ def test_columns_hold_what_parameters_change_of_the_term(found: tuple[Traced, St
     assert np.linalg.norm(told.columns[:, p.free.index("kappa")] - alone) > 0.2 * np.linalg.norm(alone)
 
 
+def test_columns_of_every_field_hold_it(found: tuple[Traced, Structure, MissingField]) -> None:
+    """What is warmer expands: displacements behind the temperatures have columns of their own. Of parameters that temperatures do not feel
+    they stay."""
+    here, _, term = found
+    n = len(here.columns.residual)
+    known = LinearModel(np.zeros(n + 3), np.zeros((n + 3, 2)))
+    slopes = {"theta": np.ones((n, 1, 1, 1)), "u": np.full((3, 1, 1, 1), 5.0)}
+    missing = SimpleNamespace(slopes=lambda *_: slopes)
+    columns = {0: slopes["theta"][:, 0, 0], 1: slopes["u"][:, 0, 0]}
+    both = SimpleNamespace(n=n), SimpleNamespace(n=3)
+    model = SimpleNamespace(missing=missing, comparisons=both, columns=lambda moved: {k: columns[k] for k, _ in enumerate(moved)})
+    case: Any = SimpleNamespace(model=model)
+    told = beside_term(known, case, here.case.parameters.with_free(("E", "kappa")), term).columns
+    assert not told[:, 0].any() and np.all(told[:n, 1] == 1.0) and np.all(told[n:, 1] == 5.0)
+
+
 def test_coefficients_are_those_that_go_best_with_the_parameters(found: tuple[Traced, Structure, MissingField]) -> None:
     """A term that was told together with a step of the parameters says nothing where these have not taken it. As hats or as steps."""
     here, structure, term = found

@@ -148,16 +148,16 @@ class StripMissing:
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
-    ) -> np.ndarray | None:
+    ) -> dict[str, np.ndarray]:
         """By differences, 1e-6 of the usual size of a parameter."""
         if kind == "offset":
-            return None
+            return {}
         first, out = self.answers(kind, parameters, grid, chosen) @ amount, []
         for name in names:
             step = 1e-6 * param(name).scale
             moved = parameters.replace(**{name: parameters[name] + step})
             out.append((self.answers(kind, moved, grid, chosen) @ amount - first) / step)
-        return np.stack([np.zeros_like(first), *out], axis=-1)[..., 1:]
+        return {"theta": np.stack([np.zeros_like(first), *out], axis=-1)[..., 1:]}
 
     def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
         """None: the strip is seen by one camera."""

@@ -66,10 +66,10 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     if case.heated is None or case.model.segments is not None:
         return None
     try:
-        spot = as_spot(here, missing)
+        moved = on_its_motion(here)
+        spot = as_spot(moved, missing)
         if spot is not None and spot.field is not None:
             return replace(_beside_one_place(spot.case or case, spot.parameters, spot.field), spot=spot.field.basis.grid)
-        moved = on_its_motion(here)
         fit = case.heated(moved.case.parameters)
         found = None if fit is None else protected_at(moved, fit)
         if fit is None or found is None:

@@ -35,11 +35,11 @@ def beside_term(known: LinearModel, case: Case, parameters: Parameters, term: Mi
     basis = term.basis
     amount = term.q[: len(basis.chosen)] if hat is None else _best(known, hat, term)[: len(basis.chosen)]
     moved = missing.slopes(basis.kind, parameters, about(term), basis.chosen, amount, names)
-    if moved is None:
+    if not moved:
         return known
     columns, ends = known.columns.copy(), np.cumsum([c.n for c in case.model.comparisons])
     at = [parameters.free.index(name) for name in names]
-    for k, part in case.model.columns({"theta": moved}).items():
+    for k, part in case.model.columns(moved).items():
         columns[ends[k] - len(part) : ends[k], at] += part
     return replace(known, columns=columns)
 

@@ -202,9 +202,9 @@ class Missing(Protocol):
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
-    ) -> np.ndarray | None:
-        """Derivatives (n_t, n_s, n_c, n) along the named parameters of what the term with these coefficients (m,) adds to the field that
-        shows the kind; None where they are nothing or not known."""
+    ) -> Mapping[str, np.ndarray]:
+        """Derivatives (n_t, n_s, n_c, n) along the named parameters of what the term with these coefficients (m,) adds to observed fields;
+        none where they are nothing or not known."""
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the specimen under each hat over the face; None where it is not known (coupons)."""

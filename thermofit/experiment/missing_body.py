@@ -18,6 +18,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
+from thermofit.experiment.free_expansion import Sections, sections_of
 from thermofit.experiment.instruments import Instruments, carried
 from thermofit.experiment.missing import KINDS, Grid, place_hats, spot_values, time_hats
 from thermofit.law.page import law_of
@@ -133,26 +134,27 @@ class BodyMissing:
         """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
         the jaws, mm, K, mK/mm and mm/m."""
         if kind in HEATING:
-            return self._warmed(parameters, self.history(parameters), kind, grid, chosen)
+            return self._warmed(parameters, self.history(parameters), kind, grid, chosen)["theta"]
         if kind in ("strain", "scale", "gradient"):
             return self._magnified(parameters, kind, grid, chosen)
         return _shown_directly(grid, self.instruments.observations[_field_of(kind)], chosen)
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
-    ) -> np.ndarray | None:
-        """Derivatives (n_t, n_s, 1, n) along the named parameters of what heats with these coefficients (m,) add to the temperatures, on
-        the motion of the run at `parameters`; None of a kind that does not run through the heat equation."""
+    ) -> Mapping[str, np.ndarray]:
+        """Derivatives (n_t, n_s, n_c, n) along the named parameters of what heats with these coefficients (m,) add to temperatures and
+        displacements, on the motion of the run at `parameters`; none of a kind that does not run through the heat equation."""
         if kind not in HEATING:
-            return None
+            return {}
         history = self.history(parameters)
         first = self._warmed(parameters, history, kind, grid, chosen, amount)
-        found = []
+        found = {field: [np.zeros((*value.shape[:3], 0))] for field, value in first.items()}
         for name in names:
             step = SMALL * max(abs(parameters[name]), param(name).scale)
             moved = parameters.replace(**{name: parameters[name] + step})
-            found.append((self._warmed(moved, history, kind, grid, chosen, amount) - first) / step)
-        return np.concatenate([np.zeros((*first.shape[:3], 0)), *found], axis=-1)
+            for field, value in self._warmed(moved, history, kind, grid, chosen, amount).items():
+                found[field].append((value - first[field]) / step)
+        return {field: np.concatenate(columns, axis=-1) for field, columns in found.items()}
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
         """Volume (n_places,) mm^3 of the whole specimen under each hat."""
@@ -187,7 +189,10 @@ class BodyMissing:
 
     def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
         """Change (n_t, n_s, n_c, m) of other observed fields than the own one by unit coefficients: a pixel of the infrared camera is given
-        to the point that the displacement cameras say is there."""
+        to the point that the displacement cameras say is there, and what is warmer expands."""
+        if kind in HEATING:
+            changed = self._warmed(parameters, self.history(parameters), kind, grid, chosen)
+            return {field: value for field, value in changed.items() if field != "theta"}
         if kind not in OF_CAMERAS["u"] or "theta" not in self.instruments.observations:
             return {}
         seen, view = self.instruments.observations["theta"], self.instruments.view("theta", self.history(parameters))
@@ -214,25 +219,35 @@ class BodyMissing:
         grid: Grid,
         chosen: np.ndarray,
         amount: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Change (n_t, n_s, 1, m) of temperatures by unit coefficients on a known motion; (n_t, n_s, 1, 1) by all with an `amount` (m,)."""
-        sampler, seen = self.instruments.samplers["theta"], self.instruments.observations["theta"]
+    ) -> dict[str, np.ndarray]:
+        """Change (n_t, n_s, n_c, m) of temperatures, and of the displacements of what expands freely, by unit coefficients on a known
+        motion; m = 1 by all with an `amount` (m,). Where a term of many places is, temperatures alone tell."""
         columns = len(chosen) if amount is None else 1
         loads = None if kind in OF_SURFACE else nodal_heat(self.body, self._places(grid))
-        on = self.instruments.changes("theta", parameters)
-        out = np.zeros((len(seen.time), len(seen.xy), 1, columns))
-        view = self.instruments.view("theta", history) if on else None
-        full = np.zeros((len(history.time), len(seen.xy), columns)) if on else None
+        sections = self._expands() if grid.places == 1 else None
+        at = {"theta": np.arange(len(history.time)), **({} if sections is None else {"u": self.instruments.samplers["u"].index})}
+        full = {name: np.zeros((len(n), *self.instruments.observations[name].value.shape[1:], columns)) for name, n in at.items()}
         for n, theta in self._marched(parameters, history, grid, kind if loads is None else loads, chosen, amount):
-            rates = sampler.temperature_rates(theta)
-            if full is not None:
-                full[n] = rates[:, 0]
-            else:
-                out[sampler.index == n] = rates
-        if view is not None and full is not None:
-            for k in range(columns):
-                out[..., k] = self.instruments.shown_along("theta", view, full[:, :, k], parameters)
-        return seen.averaged(out)
+            full["theta"][n] = self.instruments.samplers["theta"].temperature_rates(theta)
+            if sections is not None and (at["u"] == n).any():
+                moved = sections.expansion(self.body.mesh.nodes + history.u[n], theta, parameters["alpha_exp"])
+                shown = self.instruments.samplers["u"].operator.displacement(moved.transpose(2, 0, 1))
+                full["u"][at["u"] == n] = shown.transpose(1, 2, 0)
+        return {name: self._through_camera(name, parameters, history, value) for name, value in full.items()}
+
+    def _through_camera(self, name: str, parameters: Parameters, history: History, full: np.ndarray) -> np.ndarray:
+        """What is observed (n_t, n_s, n_c, m) of changes of temperatures (n_steps, n_s, 1, m) or displacements (n_t, n_s, 2, m)."""
+        seen = self.instruments.observations[name]
+        if not self.instruments.changes(name, parameters):
+            return seen.averaged(full[self.instruments.samplers[name].index] if name == "theta" else full)
+        view, flat = self.instruments.view(name, history), full[:, :, 0] if name == "theta" else full
+        shown = [self.instruments.shown_along(name, view, flat[..., k], parameters) for k in range(full.shape[-1])]
+        return seen.averaged(np.stack(shown, axis=-1))
+
+    def _expands(self) -> Sections | None:
+        """The sections of a specimen that is pulled by a force, and expands freely as it warms, where displacements are observed."""
+        free = "u" in self.instruments.observations and self.whole.loading.control == "force"
+        return sections_of(self.body) if free else None
 
     def _marched(
         self,

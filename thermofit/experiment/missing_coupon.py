@@ -88,8 +88,11 @@ class CouponMissing:
         """None: what a load cell or a sensor lacks shows in its own records alone."""
         return {}
 
-    def slopes(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]) -> None:
+    def slopes(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
+    ) -> dict[str, np.ndarray]:
         """None: beside a term of a coupon parameters take three steps at most, by their sensitivities without it."""
+        return {}
 
     def _warmed(self, parameters: Parameters, test: CouponTest, power: np.ndarray) -> np.ndarray:
         """What the sensor shows (n, m) of powers (n, m) in mW/mm^3."""

@@ -120,6 +120,24 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
         assert told @ change / (change @ change) == pytest.approx(1.0, abs=share) and np.corrcoef(told, change)[0, 1] > alike
 
 
+@pytest.mark.parametrize("stretch", [0.0, 0.25])
+def test_a_stretched_specimen_expands_by_its_length_now(stretch: float) -> None:
+    """Between the ends of what is observed by alpha_exp times the mean temperature and the length there."""
+    missing, base = model(study()).missing, Parameters.of(TRUTH)
+    assert isinstance(missing, BodyMissing)
+    history, seen = missing.history(base), missing.instruments.observations
+    u = history.u.copy()
+    u[1:, :, 1] += stretch * missing.body.mesh.nodes[:, 1]
+    there, grid = missing.on(replace(history, u=u), base), missing.grid("flux", (6, 1, 1))
+    asked = "flux", base, grid, np.arange(grid.size)
+    warmer, moved = there.answers(*asked).sum(axis=3)[:, :, 0], there.elsewhere(*asked)["u"].sum(axis=3)[:, :, 1]
+    y = seen["u"].xy[:, 1]
+    longer = moved[:, y == y.max()].mean(axis=1) - moved[:, y == y.min()].mean(axis=1)
+    mean = np.interp(seen["u"].time, seen["theta"].time, warmer.mean(axis=1))
+    length = (1.0 + stretch) * float(np.ptp(y))
+    assert longer[1:] == pytest.approx(base["alpha_exp"] * mean[1:] * length, rel=0.02)
+
+
 def test_a_specimen_whose_end_is_moved_does_not_expand_freely() -> None:
     """Its ends stay where they are; nor is there anything to see where displacements are not observed."""
     missing, base = model(study()).missing, Parameters.of(TRUTH)

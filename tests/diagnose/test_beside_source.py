@@ -120,7 +120,7 @@ def test_they_are_those_beside_one_spot_where_that_is_all(problem: Made, monkeyp
     spot = replace(missing, field=replace(missing.field, basis=replace(missing.field.basis, grid=grid)))
     beside = BesideSource({"kappa": 131.0}, {"kappa": 2.0})
     monkeypatch.setattr(module, "as_spot", lambda *_: spot)
-    monkeypatch.setattr(module, "_beside_one_place", lambda *_: beside)
+    monkeypatch.setattr(module, "beside_one_place", lambda *_: beside)
     assert beside_source(here, missing) == replace(beside, spot=grid)
 
 

@@ -62,14 +62,14 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     if missing.field.basis.grid.places == 1:
         if not missing.settled:
             return BesideSource({}, {}, UNSETTLED)
-        return _beside_one_place(missing.case or case, missing.parameters, missing.field)
+        return beside_one_place(missing.case or case, missing.parameters, missing.field)
     if case.heated is None or case.model.segments is not None:
         return None
     try:
         moved = on_its_motion(here)
         spot = as_spot(moved, missing)
         if spot is not None and spot.field is not None:
-            return replace(_beside_one_place(spot.case or case, spot.parameters, spot.field), spot=spot.field.basis.grid)
+            return replace(beside_one_place(spot.case or case, spot.parameters, spot.field), spot=spot.field.basis.grid)
         fit = case.heated(moved.case.parameters)
         found = None if fit is None else protected_at(moved, fit)
         if fit is None or found is None:
@@ -93,7 +93,7 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     return BesideSource({n: value[n] for n in free if n in value}, {n: sigma[n] for n in free if n in sigma})
 
 
-def _beside_one_place(case: Case, parameters: Parameters, term: MissingField) -> BesideSource:
+def beside_one_place(case: Case, parameters: Parameters, term: MissingField) -> BesideSource:
     """The parameters that were fitted with a term over time that is the same everywhere."""
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)

@@ -315,6 +315,7 @@ def answer(folder: Path, specimen: str, code: int) -> dict[str, Any]:
     off = {n: (value - SPECIMENS[specimen]["truth"][n]) / sigma for n, (value, sigma) in found.items()}
     missing = said["unlisted"]
     return {
+        "spot": beside.get("spot"),
         "accepted": said["accepted"],
         "like": {n: list(v) for n, v in (said["stand_ins"] or {}).items()},
         "unlisted": None if missing is None else missing["channel"],

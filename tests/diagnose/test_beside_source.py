@@ -111,7 +111,7 @@ def test_they_are_known_no_better_than_the_form_of_what_was_added(problem: Made)
 
 
 def test_they_are_those_beside_one_spot_where_that_is_all(problem: Made, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And where it is, is told with them."""
+    """And where it is, is told with them; else why not is."""
     case, fit, *_ = problem(**{"spot_of_this_test.power": 0.05})
     here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
     missing = unlisted(here, None, ())
@@ -119,9 +119,12 @@ def test_they_are_those_beside_one_spot_where_that_is_all(problem: Made, monkeyp
     grid = Grid(np.zeros(1), np.zeros(1, dtype=int), np.zeros(1), np.array([6.0]), spread=4.0)
     spot = replace(missing, field=replace(missing.field, basis=replace(missing.field.basis, grid=grid)))
     beside = BesideSource({"kappa": 131.0}, {"kappa": 2.0})
-    monkeypatch.setattr(module, "as_spot", lambda *_: spot)
+    monkeypatch.setattr(module, "as_spot", lambda *_: (spot, ""))
     monkeypatch.setattr(module, "beside_one_place", lambda *_: beside)
-    assert beside_source(here, missing) == replace(beside, spot=grid)
+    assert beside_source(here, missing) == replace(beside, spot=module.spot_of(spot.field))
+    monkeypatch.setattr(module, "as_spot", lambda *_: (None, "it leaves structure"))
+    broad = beside_source(here, missing)
+    assert broad is not None and broad.spot is None and broad.no_spot == "it leaves structure" and set(broad.value) == set(THERMAL)
 
 
 @pytest.mark.parametrize("weight", [1e-3, 1.0])

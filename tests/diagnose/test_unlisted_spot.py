@@ -12,10 +12,11 @@ from refits import fitted
 from scipy.stats import norm
 from strip import BASE, MODEL, Source, strip_case
 
+from thermofit.diagnose.beside_source import Spot, spot_of
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import Unlisted, as_spot, at_parameters, unlisted
-from thermofit.diagnose.unlisted_field import Basis, roughness
+from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, at_parameters, unlisted
+from thermofit.diagnose.unlisted_field import Basis, field_of, roughness
 from thermofit.diagnose.unlisted_spot import nearest
 from thermofit.experiment.missing import Grid, hats
 from thermofit.fit.linear_model import LinearModel
@@ -45,7 +46,7 @@ def seen(middle: float, spread: float) -> tuple[LinearModel, Rows, Split]:
 def test_middle_and_spread_are_found(y: float, spread: float) -> None:
     """From beside it, from one of a third of its size, and from one that covers nearly all."""
     model, rows, split = seen(7.3, 3.0)
-    found = nearest(model, hats_at, replace(GRID, y=np.array([y]), spread=spread), (1e-3, 0.5), rows, split)
+    found = nearest(model, hats_at, replace(GRID, y=np.array([y]), spread=spread), rows, split, weight=1e-3, least=0.5)
     grid, m = found.basis.grid, GRID.size
     assert grid.y[0] == pytest.approx(7.3, abs=0.1) and grid.spread == pytest.approx(3.0, rel=0.02)
     assert found.basis.columns.shape[1] == m + 2 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
@@ -54,7 +55,7 @@ def test_middle_and_spread_are_found(y: float, spread: float) -> None:
 def test_a_spot_is_no_narrower_than_the_mesh_shows() -> None:
     """Of one that would be, the spread is held at the least, and not fitted."""
     model, rows, split = seen(7.3, 0.8)
-    found = nearest(model, hats_at, GRID, (1e-3, 2.0), rows, split)
+    found = nearest(model, hats_at, GRID, rows, split, weight=1e-3, least=2.0)
     assert found.basis.grid.spread == 2.0 and found.basis.grid.y[0] == pytest.approx(7.3, abs=0.5)
     assert found.basis.columns.shape[1] == GRID.size + 1
 
@@ -84,8 +85,8 @@ def told(*sources: Source) -> tuple[Traced, Unlisted]:
 def one() -> tuple[Traced, Unlisted, Unlisted]:
     """A strip with one spot, what is told of it, and that as one spot."""
     here, found = told(across(0.8, 8.0, 4.0))
-    spot = as_spot(here, found)
-    assert spot is not None
+    spot, why = as_spot(here, found)
+    assert spot is not None and why == ""
     return here, found, spot
 
 
@@ -119,31 +120,38 @@ def test_a_spot_is_found_from_where_it_is_not(one: tuple[Traced, Unlisted, Unlis
 def test_its_place_is_not_known_for_certain(one: tuple[Traced, Unlisted, Unlisted]) -> None:
     """Middle and spread are fitted with the parameters: two columns more than hats, and larger standard errors than beside a spot that is
     held."""
-    spot = one[-1]
+    here, _, spot = one
     assert spot.field is not None
     field, m = spot.field, len(spot.field.basis.chosen)
     assert field.basis.columns.shape[1] == m + 2 and len(field.q) == m + 2
     doubt = np.sqrt(np.diag(field.posterior)[m:])
     assert np.all(doubt > 0.0) and doubt[0] < 0.3 and doubt[1] < 0.1
     assert abs(field.basis.grid.y[0] - 8.0) < 4.0 * doubt[0]
+    known = LinearModel(*here.case.model.linearised(spot.parameters, spot.parameters.free))
+    hat = replace(field.basis, columns=field.basis.columns[:, :m], rough=field.basis.rough[:m, :m])
+    free, held = (field_of(known, basis, here.rows, here.split, field.weight).uncertainty for basis in (field.basis, hat))
+    assert np.all(free > held) and free.max() > 1.02 * held[free.argmax()]
+    assert spot_of(field) == Spot(float(field.basis.grid.y[0]), field.basis.grid.spread)
+    assert spot_of(replace(field, q=field.q[:-1])).spread is None, "at the least the mesh does not show it"
 
 
 def test_two_spots_are_not_one() -> None:
     """What one spot leaves stands out, though parameters settle beside it. Beside two that are alike they do not settle."""
-    for second in (-0.2, -0.7):
-        assert as_spot(*told(across(0.8, 12.0, 2.5), across(second, -14.0, 2.5))) is None
+    for second, why in ((-0.2, "one spot leaves structure"), (-0.7, UNSETTLED)):
+        assert as_spot(*told(across(0.8, 12.0, 2.5), across(second, -14.0, 2.5))) == (None, why)
 
 
 def test_a_spot_that_the_mesh_may_not_show_tells_no_parameters(one: tuple[Traced, Unlisted, Unlisted]) -> None:
     """Where its errors cannot be told beside it."""
     here, found, _ = one
-    assert as_spot(replace(here, case=replace(here.case, refined_at=None)), found) is None
+    spot, why = as_spot(replace(here, case=replace(here.case, refined_at=None)), found)
+    assert spot is None and "errors of the mesh" in why
 
 
 def test_what_is_the_same_everywhere_is_no_spot(one: tuple[Traced, Unlisted, Unlisted]) -> None:
     here, found, _ = one
     assert found.field is not None
     grid = replace(found.field.basis.grid, x=np.zeros(1), y=np.zeros(1))
-    assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, grid=grid)))) is None
-    assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, kind="displacement")))) is None
-    assert as_spot(here, replace(found, field=None)) is None
+    assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, grid=grid)))) == (None, "")
+    assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, kind="displacement")))) == (None, "")
+    assert as_spot(here, replace(found, field=None)) == (None, "")

@@ -110,14 +110,17 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     assert np.abs(expected - change).max() < within * np.abs(change).max()
     elsewhere = joint.missing.elsewhere(kind, base, grid, np.arange(grid.size))
     # A pixel is given to the point that the displacement cameras say is there, and what is warmer expands.
-    # It is held back a little by what is colder at its side, and bends.
-    other, share, alike, times = ("dtheta", 1e-5, 1.0 - 1e-9, 1.0) if channel == "du" else ("du", 0.08, 0.97, 30.0)
+    other, times = ("dtheta", 1.0) if channel == "du" else ("du", 30.0)
     assert set(elsewhere) == (set() if kind in ("offset", "gradient") else {"theta" if channel == "du" else "u"})
     for also in elsewhere.values():
         change = (joint.residual(base.replace(**{f"{NAME}.scale": times})) - joint.residual(base))[part(joint, other)] / times
         (comparison,) = (c for c in joint.comparisons if c.channel == other)
         told = comparison.residual(also @ values)
-        assert told @ change / (change @ change) == pytest.approx(1.0, abs=share) and np.corrcoef(told, change)[0, 1] > alike
+        assert np.abs(change).max() > 1e-3
+        if channel == "du":
+            assert np.abs(told - change).max() < 1e-5 * np.abs(change).max()
+        else:  # it is held back a little by what is colder at its side, and bends
+            assert told @ change / (change @ change) == pytest.approx(1.0, abs=0.08) and np.corrcoef(told, change)[0, 1] > 0.97
 
 
 @pytest.mark.parametrize("stretch", [0.0, 0.25])

@@ -23,13 +23,21 @@ from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.experiment.known_motion import acting_on_temperatures
-from thermofit.experiment.missing import Grid
 from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.combined import taken_for_exact
 
 FORM = (EXPONENTS, HELD_LAW, FORM_OF_HEAT, OTHER_FORM, PULLED, SLOWER_RATES)
 """Causes of doubt that lie in the form of what was added, and not in the data."""
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Where a heat is that was taken for one spot: the height y of its middle and its spread in mm; None where that is less than the mesh
+    shows."""
+
+    y: float
+    spread: float | None
 
 
 @dataclass(frozen=True)
@@ -40,8 +48,10 @@ class BesideSource:
     value: Mapping[str, float]
     sigma: Mapping[str, float]
     failed: str = ""
-    spot: Grid | None = None
-    """Middle and spread of the one spot beside which they were fitted; None where they were beside something else."""
+    spot: Spot | None = None
+    """The one spot beside which they were fitted; None where they were beside something else."""
+    no_spot: str = ""
+    """Why they are not told beside one spot, where the unlisted heat has a place."""
 
 
 def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
@@ -67,9 +77,9 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
         return None
     try:
         moved = on_its_motion(here)
-        spot = as_spot(moved, missing)
+        spot, no_spot = as_spot(moved, missing)
         if spot is not None and spot.field is not None:
-            return replace(beside_one_place(spot.case or case, spot.parameters, spot.field), spot=spot.field.basis.grid)
+            return replace(beside_one_place(spot.case or case, spot.parameters, spot.field), spot=spot_of(spot.field))
         fit = case.heated(moved.case.parameters)
         found = None if fit is None else protected_at(moved, fit)
         if fit is None or found is None:
@@ -90,11 +100,17 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
         white = np.sqrt(np.sum(block.root() ** 2, axis=1))
         value |= {n: moved.case.parameters[n] for n in others}
         sigma |= dict(zip(others, _together(white, moves(block, errors[~mine], np.zeros(len(others), dtype=bool))), strict=True))
-    return BesideSource({n: value[n] for n in free if n in value}, {n: sigma[n] for n in free if n in sigma})
+    return BesideSource({n: value[n] for n in free if n in value}, {n: sigma[n] for n in free if n in sigma}, no_spot=no_spot)
+
+
+def spot_of(term: MissingField) -> Spot:
+    """Where the spot of a term is. Behind its hats stand its middle and, where it is more than the least, its spread."""
+    fitted = len(term.q) - len(term.basis.chosen) > 1
+    return Spot(float(term.basis.grid.y[0]), term.basis.grid.spread if fitted else None)
 
 
 def beside_one_place(case: Case, parameters: Parameters, term: MissingField) -> BesideSource:
-    """The parameters that were fitted with a term over time that is the same everywhere."""
+    """The parameters that were fitted with a term over time that is the same everywhere, or one spot."""
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)
         errors = _errors(case, parameters, columns)

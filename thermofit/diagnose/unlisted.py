@@ -491,7 +491,7 @@ def at_spot(known: LinearModel, here: Traced, there: Case, structure: Structure,
     first = hats(term.basis.grid)
     weight = likeliest(known, first)
     beside = beside_term(known, there, there.parameters, replace(term, weight=weight), first)
-    return nearest(beside, hats, term.basis.grid, (weight, least.spread), here.rows, here.split)
+    return nearest(beside, hats, term.basis.grid, here.rows, here.split, weight=weight, least=least.spread)
 
 
 def _rests(term: MissingField, rest: np.ndarray) -> bool:
@@ -552,27 +552,33 @@ def solved(here: Traced, hat: Basis) -> MissingField:
     return field_of(here.problem.model, hat, here.rows, here.split)
 
 
-def as_spot(here: Traced, found: Unlisted) -> Unlisted | None:
-    """An unlisted heat of a body that has a place as one spot, with the parameters fitted beside it; None where it is none, where these do
-    not settle, or where the spot leaves structure: it is then not all of what is missing. None as well where the errors of the mesh cannot
-    be told beside it, for it may be smaller than an element. NumericsError where its first run fails."""
+def as_spot(here: Traced, found: Unlisted) -> tuple[Unlisted | None, str]:
+    """An unlisted heat of a body that has a place as one spot, with the parameters fitted beside it; None where it is no such heat, and
+    where parameters beside one are not told, and why.
+
+    They are not where they do not settle, or where the spot leaves structure: it is then not all of what is missing. Nor are they where the
+    errors of the mesh cannot be told beside it, for it may be smaller than an element. NumericsError where its first run fails."""
     missing, place, structure = here.case.model.missing, found.place, found.structure
     if missing is None or found.field is None or place is None or found.field.basis.kind != "heat":
-        return None
+        return None, ""
     grid = missing.spot(IN_TIME)
     if grid is None or found.field.basis.grid.places == 1:
-        return None
+        return None, ""
     apart, _ = undriven(here, structure)
     grid = replace(grid, y=np.array([place.centroid[1]]), spread=max(place.extent[1], grid.spread))
     hat = _every_hat(apart.case, structure, "heat", grid)
     first = beside_optimum(here, field_of(apart.problem.model, hat, here.rows, here.split, likeliest(apart.problem.model, hat)))
     term, parameters, remark = settled(apart, structure, first)
     if remark:
-        return None
+        return None, remark
     case, then, parameters, said = told_beside(apart, structure, term, parameters)
-    if case is apart.case or said == UNSETTLED or replace(structure, excess=structure.blocks.excess(then.residual)).stands_out:
-        return None
-    return replace(found, field=then, parameters=parameters, case=case, remark=said)
+    if case is apart.case:
+        return None, said or "the errors of the mesh cannot be told beside one spot"
+    if said == UNSETTLED:
+        return None, said
+    if replace(structure, excess=structure.blocks.excess(then.residual)).stands_out:
+        return None, "one spot leaves structure"
+    return replace(found, field=then, parameters=parameters, case=case, remark=said), ""
 
 
 def volumes(case: Case, hat: Basis) -> np.ndarray | None:

@@ -33,15 +33,14 @@ OF_ITS_ERROR = 0.1
 
 
 def nearest(
-    known: LinearModel, hats: Callable[[Grid], Basis], grid: Grid, held: tuple[float, float], rows: Rows, split: Split
+    known: LinearModel, hats: Callable[[Grid], Basis], grid: Grid, rows: Rows, split: Split, *, weight: float, least: float
 ) -> MissingField:
     """The spot whose middle and spread, from those of a grid, fit best with lambda, by Gauss-Newton steps that are taken as far as
 
         |r + J x + B q|^2 + lambda q^T R q
 
     falls. Behind its hats stand columns of a middle that is 1 mm lower and of ln s, which the uncertainty of all others knows of; of ln s
-    none where the spread is the least. `held`: lambda, and the least spread in mm."""
-    weight, least = held
+    none where the spread is the least. `weight`: lambda; `least`: the least spread in mm."""
 
     def at(place: Grid) -> tuple[MissingField, float]:
         hat = hats(place)

@@ -1,7 +1,7 @@
 """What a specimen that hangs free expands by where it becomes warmer than its run had it.
 
 Thermal strain is alpha_exp (theta - theta_ref) in every direction and adds to the strain that the force makes, whatever that is (4.4). In a
-specimen that is pulled by a force nothing holds it back but its own cold parts, across which temperatures level out within seconds. So
+specimen that is pulled by a force nothing holds it back but what is colder at its side. Where that is taken for nothing,
 
     du_y(y) = int alpha_exp dtheta dy,    du_x = alpha_exp dtheta x,
 
@@ -24,7 +24,7 @@ LEAST_NODES = 4
 
 
 @dataclass(frozen=True)
-class Sections:
+class CrossSections:
     """Sections of a mesh along the load: `of` (n_np,) the number of that of every node, upwards, and the number of nodes (n,) of each."""
 
     of: np.ndarray
@@ -46,7 +46,7 @@ class Sections:
         return out
 
 
-def sections_of(body: Body) -> Sections | None:
+def sections_of(body: Body) -> CrossSections | None:
     """The sections of a mesh that is made of rows across the load; None of one that is not."""
     _, of, count = np.unique(np.round(body.mesh.nodes[:, 1], DIGITS), return_inverse=True, return_counts=True)
-    return Sections(of, count) if count.min() >= LEAST_NODES else None
+    return CrossSections(of, count) if count.min() >= LEAST_NODES else None

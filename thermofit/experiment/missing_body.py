@@ -18,7 +18,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
-from thermofit.experiment.free_expansion import Sections, sections_of
+from thermofit.experiment.free_expansion import CrossSections, sections_of
 from thermofit.experiment.instruments import Instruments, carried
 from thermofit.experiment.missing import KINDS, Grid, place_hats, spot_values, time_hats
 from thermofit.law.page import law_of
@@ -244,7 +244,7 @@ class BodyMissing:
         shown = [self.instruments.shown_along(name, view, flat[..., k], parameters) for k in range(full.shape[-1])]
         return seen.averaged(np.stack(shown, axis=-1))
 
-    def _expands(self) -> Sections | None:
+    def _expands(self) -> CrossSections | None:
         """The sections of a specimen that is pulled by a force, and expands freely as it warms, where displacements are observed."""
         free = "u" in self.instruments.observations and self.whole.loading.control == "force"
         return sections_of(self.body) if free else None

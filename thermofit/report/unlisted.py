@@ -94,14 +94,14 @@ def _balance(found: Unlisted, local: Mapping[str, Any] | None) -> str:
 
 
 def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | None:
-    """Parameters beside an unlisted heat, and as the joint fit has them, and the one spot that this was taken for (null: it was not); None
-    where that is not asked."""
+    """Parameters beside an unlisted heat, and as the joint fit has them, and the one spot that this was taken for (null: it was not, and
+    `no_spot` says why; `spread_mm` null: it is less than the mesh shows); None where that is not asked."""
     if beside is None:
         return None
     fitted = here.case.parameters
     rows = {n: {"value": v, "sigma": beside.sigma[n], "unit": param(n).unit, "joint_fit": fitted[n]} for n, v in beside.value.items()}
-    spot = None if beside.spot is None else {"y_mm": float(beside.spot.y[0]), "spread_mm": beside.spot.spread}
-    return {"values": rows, "failed": beside.failed, "spot": spot}
+    spot = None if beside.spot is None else {"y_mm": beside.spot.y, "spread_mm": beside.spot.spread}
+    return {"values": rows, "failed": beside.failed, "spot": spot, "no_spot": beside.no_spot}
 
 
 def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[str, Any]:

@@ -8,13 +8,15 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from refits import fitted
 from strip import strip_case
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import FAR, MOVES, PRACTICAL, Proof, far
-from thermofit.diagnose.protected import either_sign, no_farther
+from thermofit.diagnose.protected import either_sign, held_up, no_farther, step_taken
 from thermofit.diagnose.score import Columns, ranked
 from thermofit.diagnose.trace import material_of, traced
 from thermofit.diagnose.trial import moves_material
@@ -87,14 +89,55 @@ def test_what_is_of_the_material() -> None:
 
 def test_steps_beside_a_term() -> None:
     """No farther than half of a value; a film by its resistance, which is 1e-6 of what it should be: at once, and up to twice as much."""
-    values, films = np.array([100.0, 0.0, 1e6, 300.0]), np.array([False, False, True, True])
-    found = values + no_farther(np.array([-80.0, 7.0, 1e6 * (1.0 - 1e6 / 250.0), 290.0]), values, reciprocal=films)
-    assert found == pytest.approx([50.0, 7.0, 250.0, 600.0])
-    assert no_farther(np.array([-80.0]), np.array([100.0])) == pytest.approx([-50.0])
-    nothing = no_farther(
-        np.array([9.0, 9.0, 9.0, 9.0]), np.array([2e-15, 0.02, 2e-15, 0.2]), False, films, np.array([10.0, 10.0, 100.0, 100.0])
-    )
-    assert nothing == pytest.approx([9.0, 0.01, 9.0, 0.2]), "a film at its bound, but for rounding, says nothing of how far it may go"
+
+    def moved(step: float, **value: float) -> float:
+        return float(step_taken(Parameters.of(value, tuple(value)), (np.array([step]), np.eye(1)), ANYWHERE)[0])
+
+    assert moved(-80.0, kappa=100.0) == -50.0 and moved(7.0, kappa=0.0) == 7.0
+    assert moved(1e6 * (1.0 - 1e6 / 250.0), alpha_clamp=1e6) == pytest.approx(250.0 - 1e6)
+    assert moved(290.0, alpha_clamp=300.0) == pytest.approx(300.0)
+    assert moved(9.0, alpha_clamp=2e-15) == pytest.approx(9.0), "a film at its bound, but for rounding, says nothing of how far it may go"
+    nothing = no_farther(np.array([9.0, 9.0]), np.array([2e-15, 0.02]), False, np.array([10.0, 10.0]))
+    assert nothing == pytest.approx([9.0, 0.01])
+
+
+def test_part_of_a_step_stays_in_the_valley_of_a_law_of_the_rate() -> None:
+    """Of K ((1 + z)^m - 1) data tell the product of K and m: a half of a step that keeps it, and what is left of one that is too far, keep
+    it as well. A film by its resistance."""
+    names = ("rate_power.K", "rate_power.m", "alpha_clamp")
+    parameters = Parameters.of({"rate_power.K": 12.0, "rate_power.m": 0.3, "alpha_clamp": 300.0}, names)
+    for by in (0.4, 5.0):
+        step = np.array([12.0 * by, -0.3 * by, 300.0 * 0.25])
+        for part in (1.0, 0.5, 0.125):
+            there = parameters.vector() + step_taken(parameters, (step, np.eye(3)), ANYWHERE, part=part)
+            assert there[0] * there[1] == pytest.approx(12.0 * 0.3) and there[0] == pytest.approx(12.0 * np.exp(part * min(by, 0.5)))
+            assert 1.0 / there[2] == pytest.approx((1.0 - 0.25 * part) / 300.0)
+
+
+def test_a_step_stays_within_bounds_and_is_shorter_where_it_is_damped() -> None:
+    """Where one is at its bound, the other goes where it fits best beside it. Damping mu of an uncorrelated one divides it by 1 + mu."""
+    parameters = Parameters.of({"kappa": 130.0, "c0": 3.0}, ("kappa", "c0"))
+    linear = np.array([20.0, 0.6]), np.array([[4.0, 0.1], [0.1, 0.01]])
+    held = step_taken(parameters, linear, (np.array([0.0, 0.0]), np.array([140.0, 9.0])))
+    assert held == pytest.approx([10.0, 0.6 - 0.1 / 4.0 * 10.0])
+    alone = np.array([20.0, 0.6]), np.diag([4.0, 0.01])
+    for damping in (0.0, 0.1, 10.0):
+        assert step_taken(parameters, alone, ANYWHERE, damping) == pytest.approx(alone[0] / (1.0 + damping))
+    lowest = step_taken(parameters, (-linear[0], linear[1]), (np.array([125.0, 0.0]), np.array([140.0, 9.0])))
+    assert lowest[0] == pytest.approx(-5.0)
+
+
+@given(st.integers(1, 6), st.integers(0, 10_000))
+def test_where_a_parameter_is_held_up_the_others_fit_best_beside_it(p: int, seed: int) -> None:
+    """Of the parabola about the linear step: none leaves the room, and no other parameter has a slope left."""
+    rng = np.random.default_rng(seed)
+    root, step, most = rng.normal(size=(p + 2, p)), 3.0 * rng.normal(size=p), rng.uniform(0.1, 4.0, size=p)
+    found = held_up(step, np.linalg.inv(root.T @ root), (-most, most))
+    assert np.all(np.abs(found) <= most * (1.0 + 1e-9))
+    inside = np.abs(found) < most * (1.0 - 1e-9)
+    slope = root.T @ root @ (found - step)
+    assert np.abs(slope[inside]).max(initial=0.0) < 1e-6 * (1.0 + np.abs(slope).max())
+    assert np.array_equal(found, step) or not inside.all()
 
 
 def test_a_pose_may_step_anywhere() -> None:

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose.case import Case
@@ -150,28 +151,31 @@ def tell(monkeypatch: pytest.MonkeyPatch, term: Term, once: tuple[Term, str], tw
 
 @dataclass(frozen=True)
 class Stepping:
-    """What `settled` reads of a term beside one parameter: the step to where it is told, and its standard error."""
+    """What `settled` reads of a term beside one parameter: the step to where it is told, its standard error, and where the parameter is."""
 
     step: np.ndarray
     uncertainty: np.ndarray
     basis: Any
+    bare: float
     proof: Proof = GOOD
     before: Any = None
     after: Any = None
     q: np.ndarray = field(default_factory=lambda: np.ones(1))
     posterior: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
+    together: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
 
 
-@pytest.mark.parametrize(("overshoots", "words"), [(1.0, ""), (2.0, ""), (0.05, UNSETTLED)], ids=["at once", "to and fro", "crawls"])
-def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, overshoots: float, words: str) -> None:
-    """Every step is that many times the way to kappa = 130, from 110, with a standard error of 1: twice the way goes to and fro without
-    end."""
+def stepping(monkeypatch: pytest.MonkeyPatch, overshoots: float, least: float = 130.0, most: float = np.inf) -> tuple[Any, float, str]:
+    """The term, kappa and the words with which `settled` ends where every step is `overshoots` times the way to kappa = 130, from 110, with
+    a standard error of 0.5. The sum of squares is least at `least`; with more than `most` no run succeeds."""
     hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1, size=1, spread=0.0), chosen=np.zeros(1))
 
     def term(_: Any, kappa: float, __: Any = None) -> Any:
-        return Stepping(np.array([overshoots * (130.0 - kappa)]), np.ones(1), hat)
+        return Stepping(np.array([overshoots * (130.0 - kappa)]), np.full(1, 0.5), hat, kappa)
 
     def linearised(p: Parameters, _: Any) -> tuple[float, None]:
+        if p["kappa"] > most:
+            raise NumericsError(f"no equilibrium at {p['kappa']:g}")
         return p["kappa"], None
 
     model: Any = SimpleNamespace(linearised=linearised, segments=None, missing=None)
@@ -180,9 +184,35 @@ def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, o
     monkeypatch.setattr(module, "LinearModel", lambda kappa, _: kappa)
     monkeypatch.setattr(module, "basis", lambda *_: hat)
     monkeypatch.setattr(module, "over_time", lambda known, *_: term(None, known))
+    monkeypatch.setattr(module, "best_of_its_form", lambda _, kappa, __: (None, (kappa - least) ** 2))
     monkeypatch.setattr(module, "proved", lambda *_: GOOD)
-    _, parameters, said = module.settled(here, cast(Any, None), term(None, 110.0))
-    assert said == words and (words or parameters["kappa"] == pytest.approx(130.0, abs=1.0))
+    found, parameters, said = module.settled(here, cast(Any, None), term(None, 110.0))
+    return found, parameters["kappa"], said
+
+
+@pytest.mark.parametrize(("overshoots", "words"), [(1.0, ""), (2.0, ""), (0.05, UNSETTLED)], ids=["at once", "to and fro", "crawls"])
+def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, overshoots: float, words: str) -> None:
+    """Twice the way goes to and fro without end."""
+    _, kappa, said = stepping(monkeypatch, overshoots)
+    assert said == words and (words or kappa == pytest.approx(130.0, abs=1.0))
+
+
+@pytest.mark.parametrize(("overshoots", "most"), [(2.6, np.inf), (1.0, 129.9)], ids=["leaves more", "cannot be run"])
+def test_a_step_goes_no_farther_than_the_sum_of_squares_falls(monkeypatch: pytest.MonkeyPatch, overshoots: float, most: float) -> None:
+    """2.6 times the way leaves more, so less of it is taken. So it is of one that cannot be run, and of the next, until little is left."""
+    _, kappa, said = stepping(monkeypatch, overshoots, most=most)
+    assert said == "" and kappa == pytest.approx(130.0, abs=1.0)
+
+
+def test_where_no_part_of_a_step_leaves_less_it_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, kappa, said = stepping(monkeypatch, 1.0, least=100.0)
+    assert said == UNSETTLED and kappa == 110.0 and found.bare == 110.0
+
+
+def test_where_no_part_of_a_step_can_be_run_the_term_stays_at_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, kappa, said = stepping(monkeypatch, 1.0, most=111.0)
+    assert kappa == 110.0 and found.bare == 110.0
+    assert said == "the term is that at the optimum without it: beside it the run failed (no equilibrium at 111.818)"
 
 
 @pytest.mark.parametrize("kind", ["jaws", "jaw_upper", "gradient", "strain", "scale", "offset", "flux"])

@@ -122,7 +122,7 @@ def test_a_term_that_the_model_lacks_tells_no_shares_beside_it() -> None:
     adds = 0.01 * np.sin(seen.time / 20.0)[:, None, None] * np.ones(seen.value.shape)
     warm = replace(here, data=replace(here.data, temperature=replace(seen, value=seen.value + adds)))
     grid = here.model.missing.grid("offset", (320, 1, 1))
-    term = MissingTerm("theta", "offset", grid, np.arange(grid.size), np.zeros(grid.size))
+    term = MissingTerm("offset", grid, np.arange(grid.size), np.zeros(grid.size))
     clean, told = corrected(here, parameters, term).shares, corrected(warm, parameters, term).shares
     assert all(abs(told[part] - clean[part]) < 1e-9 for part in clean)
     right, wrong = corrected(here, parameters).shares, corrected(warm, parameters).shares
@@ -230,7 +230,7 @@ def test_the_errors_hold_those_of_a_heat_that_the_model_lacks(kind: str) -> None
     assert missing is not None
     grid = missing.grid(kind, (320, 1, 1))
     amount = (0.02 if kind == "flux" else 2.0) * np.sin(2.0 * np.pi * grid.time / 60.0)
-    term = MissingTerm("theta", kind, grid, np.arange(grid.size), amount)
+    term = MissingTerm(kind, grid, np.arange(grid.size), amount)
     history, coarse = here.shown(parameters)
     plain, told = (numerical_errors(here, parameters, history, coarse, one) for one in (None, term))
     own = sum(told[part]["theta"] - plain[part]["theta"] for part in (MESH, WITHIN, STEPS))
@@ -239,5 +239,5 @@ def test_the_errors_hold_those_of_a_heat_that_the_model_lacks(kind: str) -> None
     off = here.warmed_by(term, history, parameters) - exact
     assert _rms(off - own) < (0.4 if kind == "flux" else 0.6) * _rms(off)
     grid = missing.grid("scale", (320, 1, 1))
-    image = MissingTerm("u", "scale", grid, np.arange(grid.size), np.ones(grid.size))
+    image = MissingTerm("scale", grid, np.arange(grid.size), np.ones(grid.size))
     assert all(np.array_equal(numerical_errors(here, parameters, history, coarse, image)[MESH][n], plain[MESH][n]) for n in coarse)

@@ -41,7 +41,7 @@ def test_answer_is_that_of_a_run_with_the_effect_file(tmp_path: Path, monkeypatc
     rows = part(joint, "dtheta")
     change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[rows]
     chosen = np.flatnonzero(values.ravel())
-    answers = joint.missing.answers("heat", base, grid, chosen)
+    answers = joint.missing.answers("heat", base, grid, chosen)["theta"]
     expected = joint.comparisons[-1].residual(answers @ values.ravel()[chosen])
     assert np.abs(change).max() > 5.0
     assert np.abs(expected - change).max() < 0.04 * np.abs(change).max()
@@ -103,12 +103,12 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     load_effect(path)
     rows = part(joint, channel)
     change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[rows]
-    answers = joint.missing.answers(kind, base, grid, np.arange(grid.size))
+    elsewhere = joint.missing.answers(kind, base, grid, np.arange(grid.size))
+    answers = elsewhere.pop("theta" if channel == "dtheta" else "u")
     (comparison,) = (c for c in joint.comparisons if c.channel == channel)
     expected = comparison.residual(answers @ values)
     assert np.abs(change).max() > 4.0
     assert np.abs(expected - change).max() < within * np.abs(change).max()
-    elsewhere = joint.missing.elsewhere(kind, base, grid, np.arange(grid.size))
     # A pixel is given to the point that the displacement cameras say is there, and what is warmer expands.
     other, times = ("dtheta", 1.0) if channel == "du" else ("du", 30.0)
     assert set(elsewhere) == (set() if kind in ("offset", "gradient") else {"theta" if channel == "du" else "u"})
@@ -133,7 +133,8 @@ def test_a_stretched_specimen_expands_by_its_length_now(stretch: float) -> None:
     u[1:, :, 1] += stretch * missing.body.mesh.nodes[:, 1]
     there, grid = missing.on(replace(history, u=u), base), missing.grid("flux", (6, 1, 1))
     asked = "flux", base, grid, np.arange(grid.size)
-    warmer, moved = there.answers(*asked).sum(axis=3)[:, :, 0], there.elsewhere(*asked)["u"].sum(axis=3)[:, :, 1]
+    shown = {field: value.sum(axis=3) for field, value in there.answers(*asked).items()}
+    warmer, moved = shown["theta"][:, :, 0], shown["u"][:, :, 1]
     y = seen["u"].xy[:, 1]
     longer = moved[:, y == y.max()].mean(axis=1) - moved[:, y == y.min()].mean(axis=1)
     mean = np.interp(seen["u"].time, seen["theta"].time, warmer.mean(axis=1))
@@ -149,7 +150,11 @@ def test_a_specimen_whose_end_is_moved_does_not_expand_freely() -> None:
     held = replace(missing, whole=replace(missing.whole, loading=replace(missing.whole.loading, control="displacement")))
     seen = {name: one for name, one in missing.instruments.observations.items() if name != "u"}
     blind = replace(missing, instruments=replace(missing.instruments, observations=seen))
-    assert [set(one.elsewhere("jaws", base, grid, np.arange(grid.size))) for one in (missing, held, blind)] == [{"u"}, set(), set()]
+    assert [set(one.answers("jaws", base, grid, np.arange(grid.size))) for one in (missing, held, blind)] == [
+        {"theta", "u"},
+        {"theta"},
+        {"theta"},
+    ]
 
 
 def test_knots_are_no_farther_apart_than_asked() -> None:
@@ -173,7 +178,7 @@ def test_both_jaws_are_the_upper_and_the_lower_one() -> None:
     joint, base = model(study()), Parameters.of(TRUTH)
     assert joint.missing is not None
     grid = joint.missing.grid("jaws", (6, 1, 1))
-    both, upper, lower = (joint.missing.answers(kind, base, grid, np.arange(grid.size)) for kind in OF_SURFACE[1:])
+    both, upper, lower = (joint.missing.answers(kind, base, grid, np.arange(grid.size))["theta"] for kind in OF_SURFACE[1:])
     assert (
         np.allclose(upper + lower, both, rtol=0.0, atol=1e-9 * np.abs(both).max())
         and np.abs(upper - lower).max() > 0.1 * np.abs(both).max()
@@ -197,8 +202,7 @@ def test_slopes_of_a_term_on_a_known_motion_are_of_second_order(kind: str, shift
     direction = np.array([3.0, -0.4, 5.0, -40.0, 0.2, 0.1, 2e-6])
 
     def shown(missing: BodyMissing, parameters: Parameters, field: str) -> np.ndarray:
-        asked = kind, parameters, grid, chosen
-        return (missing.answers(*asked) if field == "theta" else missing.elsewhere(*asked)[field]) @ amount
+        return missing.answers(kind, parameters, grid, chosen)[field] @ amount
 
     def remainder(part: float, field: str) -> float:
         assert isinstance(joint.missing, BodyMissing)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import lu_factor, lu_solve
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
@@ -69,10 +68,10 @@ class Strip:
 
     def run(self, p: Parameters, power: np.ndarray) -> np.ndarray:
         """Temperature (n_t + 1, n, m) over the ends for powers (n_t, n, m) in mW/mm^3 of the steps."""
-        factor = _factor(self, p["kappa"], p["c0"])
+        answer = _answer(self, p["kappa"], p["c0"])
         out, dt = np.zeros((self.n_t + 1, *power.shape[1:])), 120.0 / self.n_t
         for k in range(self.n_t):
-            out[k + 1] = lu_solve(factor, p["c0"] / dt * out[k] + power[k])
+            out[k + 1] = answer @ (p["c0"] / dt * out[k] + power[k])
         return out
 
     def plastic(self, p: Parameters) -> np.ndarray:
@@ -89,9 +88,11 @@ class Strip:
 
 
 @lru_cache(maxsize=64)
-def _factor(strip: Strip, kappa: float, c0: float) -> tuple[np.ndarray, np.ndarray]:
+def _answer(strip: Strip, kappa: float, c0: float) -> np.ndarray:
+    """Temperatures (n, n) after a step by unit powers: few cells and many right sides, for which a product is five times as fast as
+    solving by factors."""
     dt = 120.0 / strip.n_t
-    return lu_factor(c0 / dt * np.eye(strip.n_x * strip.n_y) + kappa * strip.conduction())
+    return np.linalg.inv(c0 / dt * np.eye(strip.n_x * strip.n_y) + kappa * strip.conduction())
 
 
 MODEL = Strip(6, 18, 60)
@@ -135,16 +136,16 @@ class StripMissing:
     def spot(self, count: int) -> Grid:
         return Grid(np.linspace(0.0, 120.0, count), np.zeros(count, dtype=int), np.zeros(1), np.zeros(1), spread=1.0)
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
         if kind == "offset":
             one = time_hats(grid, MODEL.time, np.zeros(len(MODEL.time), dtype=int))[:, chosen]
-            return np.repeat(one[:, None, None, :], len(MODEL.x), axis=1)
+            return {"theta": np.repeat(one[:, None, None, :], len(MODEL.x), axis=1)}
         middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         strength = time_hats(grid, middle, np.zeros(len(middle), dtype=int))[:, k]
         over = THICK if kind == "flux" else 1.0
         theta = MODEL.run(parameters, strength[:, None, :] * place_hats(grid, MODEL.x, MODEL.y)[None, :, place] / over)
-        return theta[:, :, None, :]
+        return {"theta": theta[:, :, None, :]}
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
@@ -152,16 +153,12 @@ class StripMissing:
         """By differences, 1e-6 of the usual size of a parameter."""
         if kind == "offset":
             return {}
-        first, out = self.answers(kind, parameters, grid, chosen) @ amount, []
+        first, out = self.answers(kind, parameters, grid, chosen)["theta"] @ amount, []
         for name in names:
             step = 1e-6 * param(name).scale
             moved = parameters.replace(**{name: parameters[name] + step})
-            out.append((self.answers(kind, moved, grid, chosen) @ amount - first) / step)
+            out.append((self.answers(kind, moved, grid, chosen)["theta"] @ amount - first) / step)
         return {"theta": np.stack([np.zeros_like(first), *out], axis=-1)[..., 1:]}
-
-    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
-        """None: the strip is seen by one camera."""
-        return {}
 
     def volumes(self, grid: Grid) -> np.ndarray:
         return MODEL.cell * place_hats(grid, MODEL.x, MODEL.y).sum(axis=0)

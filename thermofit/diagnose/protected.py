@@ -29,6 +29,7 @@ from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acting_on_temperatures, acts_in_heat
 from thermofit.experiment.missing import Missing
 from thermofit.fit.linear_model import LinearModel, Room
+from thermofit.identify.variables import fit_variables
 
 COUNTS = (16, 7)
 """Hats of the broad source in time, and in y where it is observed."""
@@ -42,6 +43,7 @@ FARTHEST = 0.5
 """Part of its value by which a parameter may change in one of these steps."""
 NOTHING = 1e-3
 """Part of the usual size of a parameter below which its value says nothing of how far it may go."""
+_RANK = 1e-12
 NO_FURTHER = 3e-3
 """Fall of the square sum beside the source below which no further step is made: what moves then is not determined."""
 
@@ -107,20 +109,61 @@ def no_farther(
     step: np.ndarray,
     value: np.ndarray,
     anywhere: np.ndarray | bool = False,
-    reciprocal: np.ndarray | bool = False,
     usual: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value, but where `anywhere` (p,) or it is nothing:
-    zero, or less than NOTHING of its `usual` size (p,). A fit that ends at a film of 2e-15 would stay there.
-
-    Where `reciprocal` (p,), 1/x takes the linear step, -d/x^2, as far down as it likes and no farther up than that: a film that conducts
-    as if there were none changes nothing until it is a hundredth of what it is.
-    """
+    zero, or less than NOTHING of its `usual` size (p,). A fit that ends at a film of 2e-15 would stay there."""
     near = FARTHEST * np.abs(value)
     something = np.abs(value) > NOTHING * usual
-    plain = np.where(something & ~np.asarray(anywhere), np.clip(step, -near, near), step)
-    whole = np.where(value != 0.0, value, 1.0)
-    return np.where(reciprocal & something, whole / np.maximum(1.0 - step / whole, FARTHEST) - whole, plain)
+    return np.where(something & ~np.asarray(anywhere), np.clip(step, -near, near), step)
+
+
+def step_taken(
+    parameters: Parameters, linear: tuple[np.ndarray, np.ndarray], bounds: Room, damping: float = 0.0, part: float = 1.0
+) -> np.ndarray:
+    """How far (p,) the free parameters move by a part of a linear step, straight in the variables in which they are fitted
+    (`FitVariables`): a film by its resistance, exponents of the rate and the amplitude beside them by their logarithms. With a damping mu
+    it is that of Levenberg and Marquardt,
+
+        d = (H + mu diag H)^-1 H d*,   H = C^-1,
+
+    `linear`: the step d* (p,) and the covariance C (p, p). None moves beyond its `bounds`, farther than `no_farther` lets it, or its
+    logarithm than FARTHEST. A resistance grows no farther than that, and falls as far as it likes: a film that conducts as if there were
+    none changes nothing until it is a hundredth of what it is. Where one is held up, the others go where they fit best beside it: what a
+    step of the yield stress and of an overstress keep together, one of them alone would not."""
+    names, value = parameters.free, parameters.vector()
+    usual = np.array([param(n).scale for n in names])
+    own, something = fit_variables(names, parameters), np.abs(value) > NOTHING * usual
+    own = replace(own, is_reciprocal=own.is_reciprocal & something)
+    y, slope = own.variables(value), own.slope(value)
+    low, high = (end - y for end in own.bounds(*bounds))
+    most = np.where(something & ~either_sign(names), FARTHEST * np.abs(y), np.inf)
+    most = np.where(own.is_log, FARTHEST, most)
+    room = np.maximum(low, -most), np.minimum(high, np.where(own.is_reciprocal, np.inf, most))
+    along = held_up(*damped(linear[0] * slope, linear[1] * np.outer(slope, slope), damping), room)
+    return own.parameters(y + part * along) - value
+
+
+def damped(step: np.ndarray, covariance: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    """The step (p,) of Levenberg and Marquardt for a linear one, and (H + mu diag H)^-1 (p, p) in the stead of its covariance H^-1."""
+    if not damping:
+        return step, covariance
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse = np.linalg.pinv(covariance / np.outer(sigma, sigma), rcond=_RANK, hermitian=True)
+    then = np.linalg.inv(inverse + damping * np.diag(np.diag(inverse)))
+    return sigma * (then @ inverse @ (step / sigma)), then * np.outer(sigma, sigma)
+
+
+def held_up(step: np.ndarray, covariance: np.ndarray, room: Room) -> np.ndarray:
+    """The step (p,) that fits best of those within a room about nothing: d_B = d*_B + C_BA C_AA^-1 (d_A - d*_A), A those that the linear
+    step d* of covariance C, or what follows for the others, takes beyond it."""
+    out, held = step, np.zeros(len(step), dtype=bool)
+    while np.any(beyond := ~held & ((out < room[0]) | (out > room[1]))):
+        held |= beyond
+        out = np.where(held, np.clip(out, *room), step)
+        away = np.linalg.lstsq(covariance[np.ix_(held, held)], (out - step)[held], rcond=None)[0]
+        out = np.where(held, out, step + covariance[:, held] @ away)
+    return out
 
 
 def _usual(fit: HeatFit, thermal: Sequence[str]) -> dict[str, float]:
@@ -157,7 +200,7 @@ def _broad(case: Case, fit: HeatFit, missing: Missing, there: Parameters) -> Bas
     grid = missing.everywhere(COUNTS)
     assert grid is not None and fit.model.directed is not None
     chosen, width = np.arange(grid.size), case.largest_strain / WINDOWS
-    answers = missing.answers("heat", there, grid, chosen)
+    (answers,) = missing.answers("heat", there, grid, chosen).values()
     shown = fit.model.comparisons
     hats = np.column_stack([np.concatenate([c.residual(answers[..., k]) for c in shown]) for k in range(grid.size)])
     name = "latent_heat.heat"

@@ -17,10 +17,10 @@ from functools import partial
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, bare_name, param
+from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Proof, compared
-from thermofit.diagnose.protected import either_sign, no_farther
+from thermofit.diagnose.protected import step_taken
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, room_of
@@ -31,14 +31,13 @@ from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_spot import nearest
-from thermofit.diagnose.unlisted_steps import better, in_steps
+from thermofit.diagnose.unlisted_steps import best_of_its_form, better, in_steps
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import KINDS, Grid, MissingTerm
-from thermofit.fit.linear_model import LinearModel
-from thermofit.identify.variables import RECIPROCAL
+from thermofit.fit.linear_model import LinearModel, Room
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
@@ -57,8 +56,10 @@ CLIPPED = 5.0
 OF_ITS_ERROR = 0.3
 """Part of their standard errors to which a step has come down where parameters beside a term that is the same everywhere have settled; that
 step is taken as well."""
-MOST_STEPS = 12
+MOST_STEPS = 24
 """Most such steps."""
+DAMPING = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0)
+"""Damping of Levenberg and Marquardt that is tried, the least first."""
 TURNED = 0.5
 """Part of its steps that is taken from where one turns back on the step before: that of twice the way goes to and fro without end."""
 SETTLING = 3
@@ -69,8 +70,8 @@ LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
 
 
-UNSETTLED = f"parameters beside the term have not settled after {MOST_STEPS} steps"
-"""What is said where they are still on their way."""
+UNSETTLED = "parameters beside the term have not settled"
+"""What is said where they are still on their way after the most steps, or no part of one leaves less."""
 GONE = "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
 """Why parameters stay where they are beside a term."""
 
@@ -435,40 +436,60 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
 
     Beside a term that is the same everywhere the parameters are told as those that were fitted with it. So they step until what is left of
     a step is a small part of their standard errors, and take that too. Where a step turns back on the one before, half of it and of those
-    after it is taken."""
+    after it is taken. No step is taken with which the sum of squares rises, the term's own part with it: along a bent valley, as that of a
+    law of the rate, linear steps run off to where nothing carries the load."""
     case, first = here.case, term
-    room = room_of(case.parameters, case.parameters.free, case.reach)
-    parameters, moved = case.parameters, np.zeros(len(case.parameters.free))
-    films, usual = np.array([bare_name(n) in RECIPROCAL for n in parameters.free]), np.array([param(n).scale for n in parameters.free])
-    farthest = partial(no_farther, anywhere=either_sign(parameters.free), reciprocal=films, usual=usual)
+    low, high = room_of(case.parameters, case.parameters.free, case.reach)
+    bounds = case.parameters.vector() + low, case.parameters.vector() + high
+    parameters, usual = case.parameters, np.array([param(n).scale for n in case.parameters.free])
     alike = term.basis.grid.places == 1 and case.model.segments is None
-    share, before = 1.0, np.zeros(len(moved))
+    share, before, near, tried = 1.0, np.zeros(len(usual)), False, 0
     for _ in range(MOST_STEPS if alike else SETTLING):
-        step = farthest(term.step, parameters.vector())
+        step = step_taken(parameters, (term.step, term.together), bounds)
         if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
             share *= TURNED  # it goes to and fro, as between films that conduct as if there were none
         before = step
-        x = np.clip(moved + share * step, *room)
-        change = np.abs(x - moved) / usual
-        moved, parameters = x, case.parameters.with_vector(case.parameters.vector() + x)
-        there = replace(case, parameters=parameters)
-        try:
-            term = at_parameters(here, there, structure, term)
-        except NumericsError as error:
-            return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({error})"
-        rest = np.clip(moved + farthest(term.step, parameters.vector()), *room) - moved
+        then, there, tried, failed = falling(here, structure, term, parameters, bounds, tried, share)
+        if then is None:
+            if failed:
+                return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({failed})"
+            break
+        change = np.abs(there.vector() - parameters.vector()) / usual
+        term, parameters = then, there
+        rest = step_taken(parameters, (term.step, term.together), bounds)
         near = _rests(term, rest) if alike else change.max(initial=0.0) < SETTLED
         if near:
             break
     words = ""
     if alike:
-        parameters = parameters.with_vector(parameters.vector() + rest)
+        parameters = parameters.with_vector(parameters.vector() + rest) if near else parameters
         words = "" if near else UNSETTLED
     folds = len(here.split.held_out)
     term = replace(term, before=first.before, proof=proved(term.basis, here.rows, (first.before, term.after), folds))
     if believed(term):
         return term, parameters, words
     return first, case.parameters, GONE
+
+
+def falling(
+    here: Traced, structure: Structure, term: MissingField, parameters: Parameters, bounds: Room, tried: int, share: float
+) -> tuple[MissingField | None, Parameters, int, str]:
+    """The term where parameters have taken that share of its step with the least of DAMPING, from the one before that which was `tried`
+    last, with which the sum of squares is no larger, these parameters, and the number of the damping; None and where they were where it is
+    larger with each, and why the last could not be run where it could not."""
+    failed = ""
+    square = best_of_its_form(term, term.bare, term.basis)[1]
+    for number in range(max(tried - 1, 0), len(DAMPING)):
+        step = step_taken(parameters, (term.step, term.together), bounds, DAMPING[number], share)
+        there = parameters.with_vector(parameters.vector() + step)
+        try:
+            then, failed = at_parameters(here, replace(here.case, parameters=there), structure, term), ""
+        except NumericsError as error:
+            failed = str(error)
+            continue
+        if best_of_its_form(term, then.bare, then.basis)[1] <= square + OF_ITS_ERROR**2:
+            return then, there, number, ""
+    return None, parameters, len(DAMPING), failed
 
 
 def at_parameters(here: Traced, there: Case, structure: Structure, term: MissingField) -> MissingField:
@@ -506,8 +527,7 @@ def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.nd
     model, own = case.model, case.channels.index(structure.blocks.channel)
     assert model.missing is not None
     asked = kind, case.parameters, grid, chosen
-    shown = {observed_field(structure.blocks.channel): model.missing.answers(*asked), **model.missing.elsewhere(*asked)}
-    ends, columns = np.cumsum([c.n for c in model.comparisons]), model.columns(shown)
+    ends, columns = np.cumsum([c.n for c in model.comparisons]), model.columns(model.missing.answers(*asked))
     felt = [own, *(k for k in columns if k != own)]
     rows = [np.arange(ends[k] - len(columns[k]), ends[k]) for k in felt]
     rough = roughness(grid, chosen, from_nothing=KINDS[kind].from_rest)
@@ -525,7 +545,7 @@ def told_beside(
     parameters are those of another contact and other gradients, and would be taken for the parameters' own. How much of these errors the
     data hold is what they show beyond parameters and term, whatever its coefficients are: a term that is wrong would have them agree."""
     case, chosen = here.case, term.basis.chosen
-    adds = MissingTerm(observed_field(structure.blocks.channel), term.basis.kind, about(term), chosen, term.q[: len(chosen)])
+    adds = MissingTerm(term.basis.kind, about(term), chosen, term.q[: len(chosen)])
     try:
         sharp = None if case.refined_at is None else case.refined_at(parameters, adds)
         if sharp is None:

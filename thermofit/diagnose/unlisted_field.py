@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
 
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared
 from thermofit.experiment.missing import Grid
@@ -86,6 +86,10 @@ class MissingField:
     """The steps over time that were fitted in the stead of the hats; None where the hats were."""
     steps: tuple[tuple[float, float], ...] = ()
     """Their times in s and amounts, each in the unit of the term."""
+    bare: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """Residual (n,) without it, where the parameters are."""
+    together: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    """Covariance (p, p) of the fitted parameters beside it."""
 
     @property
     def values(self) -> np.ndarray:
@@ -168,9 +172,45 @@ def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight:
     moved = step[: system.p] / system.size
     proof = proved(basis, rows, (before, after), len(folds))
     effective = float(np.trace(inverse @ system.gram)) - system.p
-    uncertainty = np.sqrt(np.diag(inverse)[: system.p]) / system.size
-    posterior = inverse[system.p :, system.p :]
-    return MissingField(basis, step[system.p :], spread, weight, moved, residual, before, after, proof, effective, uncertainty, posterior)
+    together = inverse[: system.p, : system.p] / np.outer(system.size, system.size)
+    return MissingField(
+        basis=basis,
+        q=step[system.p :],
+        covariance=spread,
+        weight=weight,
+        step=moved,
+        residual=residual,
+        before=before,
+        after=after,
+        proof=proof,
+        effective=effective,
+        uncertainty=np.sqrt(np.diag(together)),
+        posterior=inverse[system.p :, system.p :],
+        bare=known.residual,
+        together=together,
+    )
+
+
+def best_beside(residual: np.ndarray, basis: Basis, weight: float) -> tuple[np.ndarray, float]:
+    """Coefficients (m,) of a basis beside parameters that stay, and the sum of squares that they leave,
+
+        min_q |r + B q|^2 + lambda q^T R q,
+
+    `residual`: r (n,) where the parameters are, `weight`: lambda."""
+    right = -basis.columns.T @ residual[basis.rows]
+    q = lstsq(basis.columns.T @ basis.columns + weight * basis.rough, right)[0]
+    return np.asarray(q), float(residual @ residual - right @ q)
+
+
+def with_parameters(known: LinearModel, basis: Basis, weight: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Coefficients (m,) of a basis beside any step of the parameters, their covariance (m, m), and the sum of squares that both leave,
+    min |r + J x + B q|^2 + lambda q^T R q. Held-out data are not asked: for a search."""
+    cross = known.basis[basis.rows].T @ basis.columns
+    gram = basis.columns.T @ basis.columns - cross.T @ cross + weight * basis.rough
+    right = -basis.columns.T @ known.left[basis.rows]
+    inverse = np.linalg.pinv(gram, rcond=_RANK, hermitian=True)
+    q = inverse @ right
+    return q, inverse, float(known.left @ known.left - right @ q)
 
 
 def moves_beside(known: LinearModel, term: MissingField, errors: np.ndarray) -> np.ndarray:

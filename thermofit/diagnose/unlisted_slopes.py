@@ -12,13 +12,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.unlisted_field import Basis, MissingField
 from thermofit.diagnose.unlisted_middle import about
-from thermofit.diagnose.unlisted_steps import of_steps
+from thermofit.diagnose.unlisted_steps import best_of_its_form
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.linear_model import LinearModel
 
@@ -33,7 +32,7 @@ def beside_term(known: LinearModel, case: Case, parameters: Parameters, term: Mi
     if missing is None:
         return known
     basis = term.basis
-    amount = term.q[: len(basis.chosen)] if hat is None else _best(known, hat, term)[: len(basis.chosen)]
+    amount = term.q[: len(basis.chosen)] if hat is None else best_of_its_form(term, known.residual, hat)[0][: len(basis.chosen)]
     moved = missing.slopes(basis.kind, parameters, about(term), basis.chosen, amount, names)
     if not moved:
         return known
@@ -42,12 +41,3 @@ def beside_term(known: LinearModel, case: Case, parameters: Parameters, term: Mi
     for k, part in case.model.columns(moved).items():
         columns[ends[k] - len(part) : ends[k], at] += part
     return replace(known, columns=columns)
-
-
-def _best(known: LinearModel, hat: Basis, term: MissingField) -> np.ndarray:
-    """Coefficients (m,) of hats beside parameters that stay, as steps where the term is of steps."""
-    shape = of_steps(term)
-    columns = hat.columns if shape is None else hat.columns @ shape
-    rough = hat.rough if shape is None or term.solved is None else term.solved.rough
-    q = scipy.linalg.lstsq(columns.T @ columns + term.weight * rough, -columns.T @ known.residual[hat.rows])[0]
-    return np.asarray(q if shape is None else shape @ q)

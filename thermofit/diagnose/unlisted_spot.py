@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of
+from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of, with_parameters
 from thermofit.experiment.missing import Grid
 from thermofit.fit.linear_model import LinearModel
 
@@ -42,38 +42,33 @@ def nearest(
     falls. Behind its hats stand columns of a middle that is 1 mm lower and of ln s, which the uncertainty of all others knows of; of ln s
     none where the spread is the least. `weight`: lambda; `least`: the least spread in mm."""
 
-    def at(place: Grid) -> tuple[MissingField, float]:
-        hat = hats(place)
-        term = field_of(known, hat, rows, split, weight)
-        return term, float(term.residual @ term.residual + weight * term.q @ hat.rough @ term.q)
-
-    term, square = at(grid)
+    hat = hats(grid)
+    q, _, square = with_parameters(known, hat, weight)
     for turn in range(MOST + 1):
-        told = _with_place(known, hats, term, least, rows, split)
-        step = told.q[len(told.basis.chosen) :]
-        near = np.abs(step) <= OF_ITS_ERROR * np.sqrt(np.diag(told.posterior)[-len(step) :])
+        both = _with_place(hats, hat, q, least)
+        moved, posterior, _ = with_parameters(known, both, weight)
+        step = moved[len(hat.chosen) :]
+        near = np.abs(step) <= OF_ITS_ERROR * np.sqrt(np.diag(posterior)[-len(step) :])
         if near.all() or turn == MOST:
             break
-        tried = (_moved(term.basis.grid, part * step, least) for part in HALVED)
-        ends = next(((one, f) for one, f in map(at, tried) if f < square), None)
-        if ends is None:
+        tried = (hats(_moved(hat.grid, part * step, least)) for part in HALVED)
+        ends = ((one, with_parameters(known, one, weight)) for one in tried)
+        found = next(((one, end) for one, end in ends if end[2] < square), None)
+        if found is None:
             break
-        term, square = ends
-    return told
+        hat, (q, _, square) = found
+    return field_of(known, both, rows, split, weight)
 
 
-def _with_place(
-    known: LinearModel, hats: Callable[[Grid], Basis], term: MissingField, least: float, rows: Rows, split: Split
-) -> MissingField:
-    """The term with its middle and its spread fitted beside, to first order."""
-    hat, grid = term.basis, term.basis.grid
+def _with_place(hats: Callable[[Grid], Basis], hat: Basis, q: np.ndarray, least: float) -> Basis:
+    """The hats of a spot and, behind them, what their coefficients q (m,) do by its middle and its spread, to first order."""
+    grid = hat.grid
     by = NEARBY * np.array([grid.spread, 1.0])
     ways = (replace(grid, y=grid.y - by[0]), replace(grid, spread=grid.spread * float(np.exp(by[1]))))
     ends = ways if grid.spread > least else ways[:1]
-    own = [(hats(way).columns @ term.q - hat.columns @ term.q) / h for way, h in zip(ends, by, strict=False)]
+    own = [(hats(way).columns @ q - hat.columns @ q) / h for way, h in zip(ends, by, strict=False)]
     free = np.zeros((len(own), len(own)))
-    both = replace(hat, columns=np.column_stack([hat.columns, *own]), rough=block_diag(hat.rough, free))
-    return field_of(known, both, rows, split, term.weight)
+    return replace(hat, columns=np.column_stack([hat.columns, *own]), rough=block_diag(hat.rough, free))
 
 
 def _moved(grid: Grid, step: np.ndarray, least: float) -> Grid:

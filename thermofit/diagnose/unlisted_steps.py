@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import ALONE, Basis, MissingField, believed, field_of, proved
+from thermofit.diagnose.unlisted_field import ALONE, Basis, MissingField, believed, best_beside, field_of, proved
 from thermofit.fit.linear_model import LinearModel
 
 MOST = 8
@@ -54,6 +54,15 @@ def of_steps(term: MissingField) -> np.ndarray | None:
     if term.solved is None:
         return None
     return _unit_steps(len(term.basis.chosen))[:, np.searchsorted(term.basis.chosen, term.solved.chosen)]
+
+
+def best_of_its_form(term: MissingField, residual: np.ndarray, hat: Basis) -> tuple[np.ndarray, float]:
+    """`best_beside` of hats (m,) elsewhere, as the steps that a term is where it is of steps, held as the term is."""
+    shape = of_steps(term)
+    if shape is None or term.solved is None:
+        return best_beside(residual, hat, term.weight)
+    q, square = best_beside(residual, replace(hat, columns=hat.columns @ shape, rough=term.solved.rough), term.weight)
+    return shape @ q, square
 
 
 def _unit_steps(m: int) -> np.ndarray:

@@ -126,18 +126,16 @@ def spot_values(grid: Grid, low: np.ndarray, high: np.ndarray, y: np.ndarray) ->
 
 @dataclass(frozen=True)
 class MissingTerm:
-    """A term that a model lacks: the observed field that shows it, its kind, the chosen hats (m,) of a grid and their coefficients (m,)."""
+    """A term that a model lacks: its kind, the chosen hats (m,) of a grid and their coefficients (m,)."""
 
-    field: str
     kind: str
     grid: Grid
     chosen: np.ndarray
     amount: np.ndarray
 
-    def by_units(self, missing: Missing, parameters: Parameters) -> dict[str, np.ndarray]:
+    def by_units(self, missing: Missing, parameters: Parameters) -> Mapping[str, np.ndarray]:
         """What unit coefficients add to observed fields (n_t, n_s, n_c, m) by a model at parameters."""
-        asked = self.kind, parameters, self.grid, self.chosen
-        return {self.field: missing.answers(*asked), **missing.elsewhere(*asked)}
+        return missing.answers(self.kind, parameters, self.grid, self.chosen)
 
 
 class YieldTerms(Protocol):
@@ -194,11 +192,9 @@ class Missing(Protocol):
         """A spot of heat in the middle of what is observed, with `count` hats in time and the least spread that the mesh shows; None where
         a term has no place on a specimen."""
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
-        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the m chosen hats."""
-
-    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
-        """Change (n_t, n_s, n_c, m) of other observed fields than the one that shows the kind, by field."""
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Change (n_t, n_s, n_c, m) by unit coefficients of the m chosen hats of the observed field that shows the kind, and of others that
+        feel it, by field."""
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]

@@ -130,14 +130,16 @@ class BodyMissing:
         grid, (low, high) = self.everywhere((count, 1)), self._heights()
         return replace(grid, y=np.array([0.5 * (grid.y[0] + grid.y[-1])]), spread=LEAST * float(np.max(high - low)))
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
-        """Change (n_t, n_s, n_c, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
-        the jaws, mm, K, mK/mm and mm/m."""
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """Change (n_t, n_s, n_c, m) of observed fields by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
+        the jaws, mm, K, mK/mm and mm/m. The field that shows the kind comes first. A pixel of the infrared camera is given to the point
+        that the displacement cameras say is there, and what is warmer expands."""
         if kind in HEATING:
-            return self._warmed(parameters, self.history(parameters), kind, grid, chosen)["theta"]
-        if kind in ("strain", "scale", "gradient"):
-            return self._magnified(parameters, kind, grid, chosen)
-        return _shown_directly(grid, self.instruments.observations[_field_of(kind)], chosen)
+            return self._warmed(parameters, self.history(parameters), kind, grid, chosen)
+        field = _field_of(kind)
+        if kind not in ("strain", "scale", "gradient"):
+            return {field: _shown_directly(grid, self.instruments.observations[field], chosen)}
+        return {field: self._magnified(parameters, kind, grid, chosen), **self._carried(parameters, kind, grid, chosen)}
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
@@ -187,12 +189,8 @@ class BodyMissing:
         """The same, which has run at these parameters."""
         return replace(self, kept={_key(parameters): history})
 
-    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
-        """Change (n_t, n_s, n_c, m) of other observed fields than the own one by unit coefficients: a pixel of the infrared camera is given
-        to the point that the displacement cameras say is there, and what is warmer expands."""
-        if kind in HEATING:
-            changed = self._warmed(parameters, self.history(parameters), kind, grid, chosen)
-            return {field: value for field, value in changed.items() if field != "theta"}
+    def _carried(self, parameters: Parameters, kind: str, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """Change (n_t, n_s, 1, m) of temperatures, which are given to other points where displacement cameras add something."""
         if kind not in OF_CAMERAS["u"] or "theta" not in self.instruments.observations:
             return {}
         seen, view = self.instruments.observations["theta"], self.instruments.view("theta", self.history(parameters))

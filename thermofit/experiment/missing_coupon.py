@@ -73,20 +73,18 @@ class CouponMissing:
             part.append(np.full(own, n))
         return Grid(np.concatenate(knots), np.concatenate(part), np.zeros(1), np.zeros(1))
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
-        """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and MPa."""
+    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and MPa. What a load cell or a
+        sensor lacks shows in its own records alone."""
+        field = next(name for name, of in FIELDS.items() if of == kind)
         in_time = time_hats(grid, self.time, self.part)[:, chosen]
         if kind == "stress":
-            return in_time[:, None, None, :]
+            return {field: in_time[:, None, None, :]}
         out = np.zeros_like(in_time)
         for n, test in enumerate(self.records):
             own = self.part == n
             out[own] = self._warmed(self.of_test(parameters, test), test, in_time[own])
-        return out[:, None, None, :]
-
-    def elsewhere(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
-        """None: what a load cell or a sensor lacks shows in its own records alone."""
-        return {}
+        return {field: out[:, None, None, :]}
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]

@@ -317,7 +317,8 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
 
 def _rises(found: Unlisted, missing: Missing, field: MissingField) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Per record its times and the temperature that is missing there."""
-    rise = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen)[:, 0, 0, :] @ field.q
+    (warmer,) = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen).values()
+    rise = warmer[:, 0, 0, :] @ field.q
     ends = np.cumsum([len(record.time) for record in missing.records])[:-1]
     return [(record.name, record.time, own) for record, own in zip(missing.records, np.split(rise, ends), strict=True)]
 

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from thermofit.cli.printing import show_loop, unlisted_lines
+from thermofit.report.html.gather import unlisted_words
 from thermofit.report.unlisted import in_words
 
 
@@ -77,6 +78,9 @@ def test_something_unlisted_without_a_place_says_over_which_state_and_beside_wha
         assert "44 % of the misfit of stress beside rate_power is systematic" in words and "beside    rate_power" in shown
         for text in (shown, words):
             assert ("a yield stress over accumulated plastic strain, up to 12.3" in text) is (over_state is not None)
+    for share, shown in ((0.004, "0.4 %"), (1.0, "100 %")):
+        assert in_words({**said, "over_state": None, "excess_share": share}).startswith(f"{shown} of the misfit of stress")
+        assert unlisted_words({**said, "excess_share": share}).startswith(f"{shown} of the misfit")
 
 
 @pytest.mark.parametrize("failed", ["", "no run there"])

@@ -162,7 +162,7 @@ def curve_of(closed: Closed, curve: Effect) -> dict[str, Any]:
 
 def in_words(said: dict[str, Any]) -> str:
     """An unlisted effect in one clause."""
-    part = f"{100 * said['excess_share']:.0f} %"
+    part = f"{number(100.0 * said['excess_share'])} %"
     beside = f" beside {' and '.join(said['beside'])}" if said["beside"] else ""
     share = f"{part} of the misfit of {said['channel']}{beside} is systematic, and no effect of the catalogue explains half of it"
     if said["where"] is None:

@@ -219,7 +219,7 @@ def _open(run: RunFolder, last: str) -> list[str]:
 def unlisted_words(said: Mapping[str, Any]) -> str:
     """An unlisted term in one clause."""
     where, when = said.get("where"), said.get("when_s")
-    share = f"{100 * float(said.get('excess_share') or 0.0):.2g} % of the misfit of the {channel_words(str(said.get('channel')))}"
+    share = f"{100 * float(said.get('excess_share') or 0.0):.3g} % of the misfit of the {channel_words(str(said.get('channel')))}"
     if where is None or when is None:
         return f"{share} is systematic, and no effect of the catalogue explains half of it"
     # Artefacts of earlier versions hold no standard error of it.

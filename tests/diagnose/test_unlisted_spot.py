@@ -17,7 +17,7 @@ from thermofit.diagnose.beside_source import Spot, spot_of
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, at_parameters, unlisted
-from thermofit.diagnose.unlisted_field import Basis, field_of, roughness
+from thermofit.diagnose.unlisted_field import Basis, best_beside, field_of, roughness, with_parameters
 from thermofit.diagnose.unlisted_spot import nearest
 from thermofit.experiment.missing import Grid, hats
 from thermofit.fit.linear_model import LinearModel
@@ -51,6 +51,27 @@ def test_middle_and_spread_are_found(y: float, spread: float) -> None:
     grid, m = found.basis.grid, GRID.size
     assert grid.y[0] == pytest.approx(7.3, abs=0.1) and grid.spread == pytest.approx(3.0, rel=0.02)
     assert found.basis.columns.shape[1] == m + 2 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
+
+
+def test_a_search_knows_what_the_field_knows() -> None:
+    """Coefficients, covariance and sum of squares of hats beside parameters are those of the field without held-out data. Beside parameters
+    that stay they are the least as well."""
+    model, rows, split = seen(7.3, 3.0)
+    hat, weight = hats_at(replace(GRID, y=np.array([5.0]))), 0.7
+    field = field_of(model, hat, rows, split, weight)
+    q, covariance, square = with_parameters(model, hat, weight)
+    assert q == pytest.approx(field.q, abs=1e-6) and np.allclose(covariance, field.posterior, rtol=1e-5, atol=1e-9)
+    assert square == pytest.approx(float(field.residual @ field.residual + weight * field.q @ hat.rough @ field.q))
+    staying, left = best_beside(model.residual, hat, weight)
+
+    def left_by(these: np.ndarray) -> float:
+        r = model.residual + hat.columns @ these
+        return float(r @ r + weight * these @ hat.rough @ these)
+
+    assert left == pytest.approx(left_by(staying)) and left > square
+    for k in range(0, len(q), 5):
+        aside = 0.05 * np.eye(len(q))[k]
+        assert min(left_by(staying + aside), left_by(staying - aside)) > left
 
 
 def test_a_spot_is_no_narrower_than_the_mesh_shows() -> None:

@@ -145,6 +145,9 @@ def test_a_pose_may_step_anywhere() -> None:
     names = ("E", "ir_registration.shift_y")
     step = no_farther(np.array([-8e4, 0.02]), np.array([7e4, 1e-3]), either_sign(names))
     assert step == pytest.approx([-3.5e4, 0.02])
+    parameters = Parameters.of({"E": 7e4, "ir_registration.shift_y": 1e-2}, names)
+    beside = step_taken(parameters, (np.array([-8e4, 0.02]), np.eye(2)), ANYWHERE)
+    assert beside == pytest.approx([-3.5e4, 0.02])
 
 
 @pytest.mark.parametrize(("kappa", "sigma", "is_moved"), [(133.0, 1.0, True), (133.0, 3.0, False), (132.0, None, False)])

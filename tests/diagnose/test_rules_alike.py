@@ -165,52 +165,64 @@ class Stepping:
     together: np.ndarray = field(default_factory=lambda: np.ones((1, 1)))
 
 
-def stepping(monkeypatch: pytest.MonkeyPatch, overshoots: float, least: float = 130.0, most: float = np.inf) -> tuple[Any, float, str]:
-    """The term, kappa and the words with which `settled` ends where every step is `overshoots` times the way to kappa = 130, from 110, with
-    a standard error of 0.5. The sum of squares is least at `least`; with more than `most` no run succeeds."""
+def stepping(
+    monkeypatch: pytest.MonkeyPatch, overshoots: float, least: float = 130.0, most: float = np.inf, begin: float = 110.0
+) -> tuple[Any, float, str, list[float]]:
+    """The term, kappa and the words with which `settled` ends, and every kappa that was tried, where every step is `overshoots` times the
+    way to kappa = 130 with a standard error of 1. The sum of squares is least at `least`; with more than `most` no run succeeds."""
+    tried: list[float] = []
     hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1, size=1, spread=0.0), chosen=np.zeros(1))
 
     def term(_: Any, kappa: float, __: Any = None) -> Any:
-        return Stepping(np.array([overshoots * (130.0 - kappa)]), np.full(1, 0.5), hat, kappa)
+        return Stepping(np.array([overshoots * (130.0 - kappa)]), np.ones(1), hat, kappa)
 
     def linearised(p: Parameters, _: Any) -> tuple[float, None]:
+        tried.append(p["kappa"])
         if p["kappa"] > most:
             raise NumericsError(f"no equilibrium at {p['kappa']:g}")
         return p["kappa"], None
 
     model: Any = SimpleNamespace(linearised=linearised, segments=None, missing=None)
-    case = Case(model, Parameters.of({"kappa": 110.0}, ("kappa",)), (), (), frozenset())
+    case = Case(model, Parameters.of({"kappa": begin}, ("kappa",)), (), (), frozenset())
     here: Any = SimpleNamespace(case=case, rows=None, split=SimpleNamespace(held_out=()))
     monkeypatch.setattr(module, "LinearModel", lambda kappa, _: kappa)
     monkeypatch.setattr(module, "basis", lambda *_: hat)
     monkeypatch.setattr(module, "over_time", lambda known, *_: term(None, known))
     monkeypatch.setattr(module, "best_of_its_form", lambda _, kappa, __: (None, (kappa - least) ** 2))
     monkeypatch.setattr(module, "proved", lambda *_: GOOD)
-    found, parameters, said = module.settled(here, cast(Any, None), term(None, 110.0))
-    return found, parameters["kappa"], said
+    found, parameters, said = module.settled(here, cast(Any, None), term(None, begin))
+    return found, parameters["kappa"], said, tried
 
 
 @pytest.mark.parametrize(("overshoots", "words"), [(1.0, ""), (2.0, ""), (0.05, UNSETTLED)], ids=["at once", "to and fro", "crawls"])
 def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, overshoots: float, words: str) -> None:
     """Twice the way goes to and fro without end."""
-    _, kappa, said = stepping(monkeypatch, overshoots)
+    _, kappa, said, _ = stepping(monkeypatch, overshoots)
     assert said == words and (words or kappa == pytest.approx(130.0, abs=1.0))
 
 
-@pytest.mark.parametrize(("overshoots", "most"), [(2.6, np.inf), (1.0, 129.9)], ids=["leaves more", "cannot be run"])
+@pytest.mark.parametrize(("overshoots", "most"), [(2.6, np.inf), (1.0, 129.8)], ids=["leaves more", "cannot be run"])
 def test_a_step_goes_no_farther_than_the_sum_of_squares_falls(monkeypatch: pytest.MonkeyPatch, overshoots: float, most: float) -> None:
     """2.6 times the way leaves more, so less of it is taken. So it is of one that cannot be run, and of the next, until little is left."""
-    _, kappa, said = stepping(monkeypatch, overshoots, most=most)
+    _, kappa, said, tried = stepping(monkeypatch, overshoots, most=most)
     assert said == "" and kappa == pytest.approx(130.0, abs=1.0)
+    whole = 110.0 + overshoots * 20.0
+    assert [k for k in tried if abs(k - whole) < 1e-6] == [whole], "the next step begins by the damping before the one that was taken"
+
+
+def test_where_parameters_have_settled_from_the_first_rounding_does_not_unsettle_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sum of squares rises by less than a small part of a standard error makes."""
+    _, kappa, said, tried = stepping(monkeypatch, 1.0, least=129.78, begin=129.8)
+    assert (kappa, said, tried) == (130.0, "", [130.0])
 
 
 def test_where_no_part_of_a_step_leaves_less_it_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, kappa, said = stepping(monkeypatch, 1.0, least=100.0)
+    found, kappa, said, _ = stepping(monkeypatch, 1.0, least=100.0)
     assert said == UNSETTLED and kappa == 110.0 and found.bare == 110.0
 
 
 def test_where_no_part_of_a_step_can_be_run_the_term_stays_at_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
-    found, kappa, said = stepping(monkeypatch, 1.0, most=111.0)
+    found, kappa, said, _ = stepping(monkeypatch, 1.0, most=111.0)
     assert kappa == 110.0 and found.bare == 110.0
     assert said == "the term is that at the optimum without it: beside it the run failed (no equilibrium at 111.818)"
 

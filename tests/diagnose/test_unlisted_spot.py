@@ -159,8 +159,9 @@ def test_its_place_is_not_known_for_certain(one: tuple[Traced, Unlisted, Unliste
 
 def test_two_spots_are_not_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """What one spot leaves stands out, though parameters settle beside it. Where they do not, that is said."""
-    two = told(across(0.8, 12.0, 2.5), across(-0.2, -14.0, 2.5))
-    assert as_spot(*two) == (None, "one spot leaves structure")
+    for second in (-0.7, -0.2):
+        two = told(across(0.8, 12.0, 2.5), across(second, -14.0, 2.5))
+        assert as_spot(*two) == (None, "one spot leaves structure")
     monkeypatch.setattr(module, "MOST_STEPS", 1)
     assert as_spot(*two) == (None, UNSETTLED)
 

@@ -104,6 +104,7 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     rows = part(joint, channel)
     change = (joint.residual(base.replace(**{f"{NAME}.scale": 1.0})) - joint.residual(base))[rows]
     elsewhere = joint.missing.answers(kind, base, grid, np.arange(grid.size))
+    assert next(iter(elsewhere)) == ("theta" if channel == "dtheta" else "u"), "the field that shows the kind comes first"
     answers = elsewhere.pop("theta" if channel == "dtheta" else "u")
     (comparison,) = (c for c in joint.comparisons if c.channel == channel)
     expected = comparison.residual(answers @ values)

@@ -113,9 +113,18 @@ def no_farther(
 ) -> np.ndarray:
     """Steps (p,) of parameters with these values (p,), none farther than FARTHEST of its value, but where `anywhere` (p,) or it is nothing:
     zero, or less than NOTHING of its `usual` size (p,). A fit that ends at a film of 2e-15 would stay there."""
-    near = FARTHEST * np.abs(value)
-    something = np.abs(value) > NOTHING * usual
-    return np.where(something & ~np.asarray(anywhere), np.clip(step, -near, near), step)
+    most = farthest(value, something(value, usual) & ~np.asarray(anywhere))
+    return np.clip(step, -most, most)
+
+
+def something(value: np.ndarray, usual: np.ndarray | float) -> np.ndarray:
+    """Mask (p,) of the parameters whose values (p,) say how far they may go: more than NOTHING of their `usual` size (p,)."""
+    return np.abs(value) > NOTHING * usual
+
+
+def farthest(value: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """How far (p,) variables with these values (p,) may go in a step where their size is `known` (p,), else anywhere."""
+    return np.where(known, FARTHEST * np.abs(value), np.inf)
 
 
 def step_taken(
@@ -132,13 +141,11 @@ def step_taken(
     none changes nothing until it is a hundredth of what it is. Where one is held up, the others go where they fit best beside it: what a
     step of the yield stress and of an overstress keep together, one of them alone would not."""
     names, value = parameters.free, parameters.vector()
-    usual = np.array([param(n).scale for n in names])
-    own, something = fit_variables(names, parameters), np.abs(value) > NOTHING * usual
-    own = replace(own, is_reciprocal=own.is_reciprocal & something)
+    own, known = fit_variables(names, parameters), something(value, np.array([param(n).scale for n in names]))
+    own = replace(own, is_reciprocal=own.is_reciprocal & known)
     y, slope = own.variables(value), own.slope(value)
     low, high = (end - y for end in own.bounds(*bounds))
-    most = np.where(something & ~either_sign(names), FARTHEST * np.abs(y), np.inf)
-    most = np.where(own.is_log, FARTHEST, most)
+    most = np.where(own.is_log, FARTHEST, farthest(y, known & ~either_sign(names)))
     room = np.maximum(low, -most), np.minimum(high, np.where(own.is_reciprocal, np.inf, most))
     along = held_up(*damped(linear[0] * slope, linear[1] * np.outer(slope, slope), damping), room)
     return own.parameters(y + part * along) - value
@@ -155,8 +162,8 @@ def damped(step: np.ndarray, covariance: np.ndarray, damping: float) -> tuple[np
 
 
 def held_up(step: np.ndarray, covariance: np.ndarray, room: Room) -> np.ndarray:
-    """The step (p,) that fits best of those within a room about nothing: d_B = d*_B + C_BA C_AA^-1 (d_A - d*_A), A those that the linear
-    step d* of covariance C, or what follows for the others, takes beyond it."""
+    """A linear step d* (p,) of covariance C (p, p) within a room about nothing: d_B = d*_B + C_BA C_AA^-1 (d_A - d*_A) is what fits best
+    beside those, A, that it, or what follows for the others, takes beyond the room. They stay at its end, also where another would be."""
     out, held = step, np.zeros(len(step), dtype=bool)
     while np.any(beyond := ~held & ((out < room[0]) | (out > room[1]))):
         held |= beyond

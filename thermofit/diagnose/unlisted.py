@@ -436,8 +436,8 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
 
     Beside a term that is the same everywhere the parameters are told as those that were fitted with it. So they step until what is left of
     a step is a small part of their standard errors, and take that too. Where a step turns back on the one before, half of it and of those
-    after it is taken. No step is taken with which the sum of squares rises, the term's own part with it: along a bent valley, as that of a
-    law of the rate, linear steps run off to where nothing carries the load."""
+    after it is taken. No step is taken with which the sum of squares, the term's own part with it, rises by more than that small part of a
+    standard error makes: along a bent valley, as that of a law of the rate, linear steps run off to where nothing carries the load."""
     case, first = here.case, term
     low, high = room_of(case.parameters, case.parameters.free, case.reach)
     bounds = case.parameters.vector() + low, case.parameters.vector() + high
@@ -475,8 +475,8 @@ def falling(
     here: Traced, structure: Structure, term: MissingField, parameters: Parameters, bounds: Room, tried: int, share: float
 ) -> tuple[MissingField | None, Parameters, int, str]:
     """The term where parameters have taken that share of its step with the least of DAMPING, from the one before that which was `tried`
-    last, with which the sum of squares is no larger, these parameters, and the number of the damping; None and where they were where it is
-    larger with each, and why the last could not be run where it could not."""
+    last, with which the sum of squares rises by no more than OF_ITS_ERROR of a standard error makes, these parameters, and the number of
+    the damping; None and where they were where it rises with each, and why the last could not be run where it could not."""
     failed = ""
     square = best_of_its_form(term, term.bare, term.basis)[1]
     for number in range(max(tried - 1, 0), len(DAMPING)):

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import lsq_linear
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, hstack
 
 from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.core.experiment import ForceRecord
@@ -303,6 +303,10 @@ _FINER = 3
 """How often the intervals between knots are halved for the curve that tells the error: its own error of approximation, which falls by
 sixteen with every halving, is in no covariance, and near the largest force a hundredth of the noise moves the points by more than theirs.
 """
+_NUDGE = 1e-3
+"""Part of the shorter of two pieces by which the break between them is moved for a derivative."""
+_TOLD = 1e-12
+"""Part of the largest square of the influence on the record, of columns of one size, below which a change of the curve has none."""
 _MANY = 60
 _MOST_BREAKS = 200
 
@@ -330,7 +334,7 @@ class SmoothForce:
     spurious_reversals: int
     curve: Curve
     finer: Curve
-    covariance: np.ndarray
+    spread: np.ndarray
 
     def evaluate(self, t: np.ndarray | float) -> np.ndarray:
         """Force in N at times t in s, shape of t; DataError outside the record."""
@@ -343,12 +347,8 @@ class SmoothForce:
     def sigma(self, t: np.ndarray | float) -> np.ndarray:
         """Standard error of the smoothed force in N at times t in s, see `error_modes`; DataError outside the record."""
         times = _within(self, t)
-        design = self.finer.design(times)
-        if self.covariance.ndim == 1:
-            variance = np.asarray(design.multiply(design) @ self.covariance)
-        else:
-            variance = np.asarray(design.multiply(design @ self.covariance).sum(axis=1)).ravel()
-        return _shaped(np.sqrt(np.maximum(variance, 0.0) + self._left_out(times) ** 2), t)
+        own = self._own_error(times)
+        return _shaped(np.sqrt(np.asarray((own * own).sum(axis=1)).ravel() + self._left_out(times) ** 2), t)
 
     def error_modes(self, t: np.ndarray | float) -> np.ndarray:
         """Modes of the error of the smoothed force in N at times t s (n,), (n, k): its covariance is modes modes^T; those of less than a
@@ -358,18 +358,34 @@ class SmoothForce:
         of the smoothed force. What a finer curve shows of such bends is one mode, its own standard errors are the others.
         """
         times = _within(self, t)
-        design = self.finer.design(times)
-        if self.covariance.ndim == 1:
-            root = np.diag(np.sqrt(self.covariance))
-        else:
-            # A record without noise, such as a computed one, has no covariance to take a root of.
-            root = np.linalg.cholesky(self.covariance) if self.covariance.any() else self.covariance
-        u, s, _ = np.linalg.svd(np.column_stack([design @ root, self._left_out(times)]), full_matrices=False)
+        own = self._own_error(times).toarray()
+        u, s, _ = np.linalg.svd(np.column_stack([own, self._left_out(times)]), full_matrices=False)
         return np.asarray((u * s)[:, s > 1e-3 * s[0]])
+
+    def _own_error(self, times: np.ndarray) -> csr_array:
+        """What the errors of the finer curve make (n, k) of the force at times (n,)."""
+        if self.spread.ndim == 1:
+            return csr_array(self.finer.design(times).multiply(self.spread))
+        return csr_array(_by_breaks_too(self.finer, times) @ self.spread)
 
     def _left_out(self, times: np.ndarray) -> np.ndarray:
         """What the finer curve shows and the smoothed force does not, N (n,)."""
         return self.finer.evaluate(times) - self.curve.evaluate(times)
+
+
+def _by_breaks_too(curve: Curve, time: np.ndarray) -> csr_array:
+    """Derivatives (n, n_c + n_b) of a curve at times (n,) by its coefficients and by the times of its breaks, these in N/s.
+
+    Where an elastic load ends in flow a break that is a millisecond off is worth a newton or two. Only moved breaks tell such an error:
+    the coefficients of either side hold the curve to the other one at the time at which the break happens to stand.
+    """
+    moved = []
+    for j in range(1, curve.edges.size - 1):
+        by = _NUDGE * float(np.min(np.diff(curve.edges)[j - 1 : j + 1]))
+        off = by * (np.arange(curve.edges.size) == j)
+        ahead, behind = (replace(curve, edges=curve.edges + way * off).evaluate(time) for way in (1.0, -1.0))
+        moved.append(csr_array(((ahead - behind) / (2.0 * by))[:, None]))
+    return csr_array(hstack([curve.design(time), *moved]))
 
 
 def _within(smooth: SmoothForce, t: np.ndarray | float) -> np.ndarray:
@@ -411,7 +427,7 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
     if smoothing == "none":
         inner = record.time[1:-1]
         curve = Curve(record.time[[0, -1]], (inner,), (1,), record.force)
-        return _summary(record, phases, level, curve, curve, np.full(record.time.size, level**2))
+        return _summary(record, phases, level, curve, curve, np.full(record.time.size, level))
     if phases.kinks.size + phases.knees.size > _MOST_BREAKS:
         raise DataError(
             f"force record: found {phases.kinks.size} kinks and {phases.knees.size} knees at a noise of {level:.3g} N, "
@@ -427,7 +443,19 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
     fit = fit_curve(curve, record.time, record.force)
     fit = _without_reversals(fit, record, phases, sigma)
     finer = _finer(fit, record)
-    return _summary(record, phases, level, fit.curve, finer.curve, level**2 * finer.solve(np.eye(finer.curve.coefficients.size)))
+    return _summary(record, phases, level, fit.curve, finer.curve, _spread(finer.curve, record.time, level))
+
+
+def _spread(curve: Curve, time: np.ndarray, level: float) -> np.ndarray:
+    """Errors (n_c + n_b, k) of coefficients and breaks for a noise of `level` N at the times of the record (n,). What changes nothing of
+    the force that was measured is no error of it."""
+    columns = _by_breaks_too(curve, time)
+    normal = (columns.T @ columns).toarray()
+    size = np.sqrt(np.diag(normal))
+    size[size == 0.0] = 1.0
+    square, turned = np.linalg.eigh(normal / np.outer(size, size))
+    told = square > _TOLD * square[-1]
+    return np.asarray(level * turned[:, told] / np.sqrt(square[told]) / size[:, None])
 
 
 def _settle_knees(record: ForceRecord, phases: Phases, sigma: float) -> np.ndarray:
@@ -580,23 +608,32 @@ def _without_reversals(fit: Fit, record: ForceRecord, phases: Phases, sigma: flo
 
 
 def _finer(fit: Fit, record: ForceRecord) -> Fit:
-    """The fit with every interval between knots of its cubic pieces cut into eight, where it holds samples enough.
+    """The fit with every interval between knots of its cubic pieces cut into eight, and with cubics for its lines, where they hold samples
+    enough.
 
-    A piece that a straight line fits, such as an elastic unloading, stays one: its bends are in no error.
+    A line is a piece whose bend is not worth its coefficients. In an elastic unloading it has none; where a short piece flows, what is left
+    out moves the specimen by more than the line is told to be off.
     """
     for _ in range(_FINER):
         curve = fit.curve
         for piece in range(len(curve.knots)):
             curve = halved(curve, piece, record.time)
         fit = fit_curve(curve, record.time, record.force)
-    return fit
+    return fit_curve(_bent(fit.curve, record.time), record.time, record.force)
+
+
+def _bent(curve: Curve, time: np.ndarray) -> Curve:
+    """The curve with a cubic in place of every line that holds twice the samples that this needs."""
+    held = np.diff(np.searchsorted(time, [*curve.edges[:-1], np.inf]))
+    degrees = tuple(3 if d < 3 and not k.size and n >= 8 else d for d, k, n in zip(curve.degrees, curve.knots, held, strict=True))
+    return replace(curve, degrees=degrees)
 
 
 def _chi_square(fit: Fit, sigma: float) -> float:
     return float(fit.residual @ fit.residual) / sigma**2
 
 
-def _summary(record: ForceRecord, phases: Phases, noise: float, curve: Curve, finer: Curve, covariance: np.ndarray) -> SmoothForce:
+def _summary(record: ForceRecord, phases: Phases, noise: float, curve: Curve, finer: Curve, spread: np.ndarray) -> SmoothForce:
     """The smoothed force with what was taken away, in numbers."""
     force = curve.evaluate(record.time)
     residual = record.force - force
@@ -615,7 +652,7 @@ def _summary(record: ForceRecord, phases: Phases, noise: float, curve: Curve, fi
         spurious_reversals=int(_reversals(curve, _senses(curve, phases)).sum()),
         curve=curve,
         finer=finer,
-        covariance=covariance,
+        spread=spread,
     )
 
 

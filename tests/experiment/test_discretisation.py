@@ -8,18 +8,22 @@ import numpy as np
 import pytest
 from virtual_pulls import TIME, TRUTH, data, study
 
+from thermofit.body.mesh.planes import longest
+from thermofit.body.mesh.specimen import specimen_mesh
+from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.discretisation import (
-    FINER,
     MESH,
     STEPS,
     THEIRS,
     WITHIN,
     corrected,
     finer_mesh,
+    left_by,
     numerical_errors,
     on_mesh,
     shares_held,
+    telling_mesh,
 )
 from thermofit.experiment.fields import LoadSteps, refined
 from thermofit.experiment.joint import Joint, joint_settings
@@ -74,7 +78,7 @@ def test_shares_are_those_of_the_mesh_that_the_data_are_of() -> None:
     assert fine[MESH] > 0.6 and fine[WITHIN] > 0.7 and fine[THEIRS] < 0.3, fine
     here = joint(("E",), parameters, finer_mesh(COARSE), noise=0.01)
     found = corrected(here, parameters)
-    assert abs(found.shares[MESH] - (1.0 - FINER**-2)) < 0.02 and found.shares[STEPS] < 0.02, found.shares
+    assert abs(found.shares[MESH] - (1.0 - left_by(COARSE, finer_mesh(COARSE)))) < 0.02 and found.shares[STEPS] < 0.02, found.shares
     assert abs(found.shares[WITHIN] - 1.0) < 0.05 and abs(found.shares[THEIRS] - 1.0) < 0.15, found.shares
     was, left = here.model.residual(parameters), found.joint.model.residual(parameters)
     assert _rms(was) > 5.0 and _rms(left) < 1.2, "the noise is left"
@@ -176,6 +180,33 @@ def test_displacements_alone_and_temperatures_alone_see_the_corrected_data() -> 
 def test_a_finer_mesh_is_finer_along_every_axis() -> None:
     assert finer_mesh(MeshSize(n_x=6, n_y=40, n_z=1)) == MeshSize(n_x=9, n_y=60, n_z=2)
     assert finer_mesh(MeshSize(n_x=2, n_y=14, n_z=1)) == MeshSize(n_x=3, n_y=22, n_z=2), "an even number along the load"
+
+
+def test_the_mesh_that_tells_an_error_is_finer_in_the_jaws_too() -> None:
+    """A grip that is longer than what the jaws hold: half as many elements again leave one in the jaws. Where all of the grip is held, or
+    its elements are shorter than those outside, the finer mesh does."""
+    size = MeshSize(n_x=4, n_y=28, n_z=1)
+    case, held = study(), Specimen(20.0, 1.5, 80.0, 20.0, 30.0, 150.0, 10.0)
+    lengths = {n: longest(specimen_mesh(case.geometry, held, MeshSize(n_x=2, n_y=n, n_z=1)))[0] for n in (28, 42, 48)}
+    assert lengths == pytest.approx({28: 10.0, 42: 10.0, 48: 5.0})
+    told = telling_mesh(case, held, size)
+    assert told == MeshSize(n_x=6, n_y=48, n_z=2) and left_by(size, told) == pytest.approx(4 * 28 / (6 * 48))
+    whole = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
+    assert telling_mesh(case, whole, size) == finer_mesh(size) == MeshSize(n_x=6, n_y=42, n_z=2)
+    assert telling_mesh(case, replace(held, gripped_length=2.0), size) == finer_mesh(size)
+
+
+def test_error_of_the_jaws_is_told_and_the_contact_does_not_take_it() -> None:
+    """The error of the contact that is told is that of a far finer mesh within a third, where the jaws hold one element."""
+    parameters = Parameters.of(TRUTH, ("alpha_clamp",))
+    held = Specimen(20.0, 1.5, 80.0, 20.0, 30.0, 150.0, 10.0)
+    plain = replace(joint(("alpha_clamp",), parameters), size=MeshSize(n_x=2, n_y=28, n_z=1))
+    here = replace(plain, data=replace(plain.data, specimen=held))
+    history, coarse = here.shown(parameters)
+    _, fine = replace(here, size=MeshSize(n_x=4, n_y=96, n_z=2)).shown(parameters)
+    told = numerical_errors(here, parameters, history, coarse)[MESH]["theta"]
+    true = here.smoothed(history, parameters)["theta"] - fine["theta"]
+    assert _rms(told - true) < 0.34 * _rms(true), (_rms(told), _rms(true), _rms(told - true))
 
 
 def bending(time: np.ndarray) -> np.ndarray:

@@ -17,7 +17,18 @@ from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.body_check import checked
-from thermofit.experiment.discretisation import MESH, SHEET, STEPS, THEIRS, WITHIN, finer_mesh, numerical_errors, on_mesh, on_mesh_ratio
+from thermofit.experiment.discretisation import (
+    MESH,
+    SHEET,
+    STEPS,
+    THEIRS,
+    WITHIN,
+    finer_mesh,
+    left_by,
+    numerical_errors,
+    on_mesh,
+    on_mesh_ratio,
+)
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.forward import march_settings, run_of
 from thermofit.experiment.joint import Joint, coarse_mesh, diagnosis_mesh, joint_settings
@@ -95,7 +106,7 @@ def test_a_body_tells_the_error_of_a_sheet() -> None:
     for name in ("u", "theta"):
         exact = (coarse[name] - many[name]) / (1.0 - 1.0 / 36.0)
         assert np.linalg.norm(found[SHEET][name] - exact) < 0.1 * np.linalg.norm(exact), name
-        assert np.allclose(found[MESH][name], (smooth[name] - fine[name]) / (1.0 - 1.5**-2)), name
+        assert np.allclose(found[MESH][name], (smooth[name] - fine[name]) / (1.0 - left_by(SMALL, SheetSize(n_x=5, n_y=30)))), name
     body = joint(MeshSize(n_x=3, n_y=20, n_z=1))
     assert SHEET not in numerical_errors(body, PARAMETERS, *body.shown(PARAMETERS)), "a body with one layer is refined"
 

@@ -24,7 +24,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thermofit.body.mesh.planes import longest
+from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.body.solve.history import History
+from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.fields import Measured, displacement_of, temperature_of
 from thermofit.experiment.force_error import with_force_error
@@ -36,9 +39,12 @@ from thermofit.experiment.prediction import Errors
 from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation, ReadsFace, face_operator, smooth_operator
 from thermofit.study.section import MeshSize, SheetSize
+from thermofit.study.study import Study
 
 FINER = 1.5
-"""Refinement r of the mesh that tells the error."""
+"""Refinement r of the mesh that tells the error, at least."""
+ROUNDING = 1e-6
+"""Part of a length by which two elements of one length differ."""
 REMAINS = 0.5
 """Part of the error that is not trusted to be gone: an order between 1 and infinity in place of 2 would leave or overdo about as much."""
 ORDER = {"sdirk2": 2, "backward-euler": 1}
@@ -108,6 +114,29 @@ def finer_mesh(size: MeshSize) -> MeshSize:
     return size.with_counts({**counts, "n_y": 2 * int(np.ceil(0.5 * FINER * size.n_y))})
 
 
+def telling_mesh(study: Study, specimen: Specimen, size: MeshSize) -> MeshSize:
+    """The mesh that tells the error of another one: the finer mesh, with as many more elements along the load as make those in the jaws
+    finer too. StudyError as a mesh of the study raises it.
+
+    What the jaws hold is a few elements long, and the temperature falls by much in each of them. Counts are whole numbers: with half as
+    many again along the load as many may lie in the jaws as before, and then the finer mesh knows nothing of the error there.
+    """
+    finer = finer_mesh(size)
+    if study.geometry.shape == "file":
+        return finer
+    held, _ = longest(specimen_mesh(study.geometry, specimen, size))
+    while True:
+        inside, outside = longest(specimen_mesh(study.geometry, specimen, finer))
+        if inside <= max(held / FINER * (1.0 + ROUNDING), outside):
+            return finer
+        finer = finer.with_counts({**finer.counts, "n_y": finer.n_y + 2})
+
+
+def left_by(size: MeshSize, finer: MeshSize) -> float:
+    """Error of the finer mesh over that of the first, h^2 of their elements in the plane."""
+    return (size.n_x * size.n_y) / (finer.n_x * finer.n_y)
+
+
 def numerical_errors(
     joint: Joint, parameters: Parameters, history: History, coarse: Errors, beside: MissingTerm | None = None
 ) -> dict[str, Errors]:
@@ -120,14 +149,15 @@ def numerical_errors(
             return errors
         return {**errors, "theta": errors["theta"] + one.warmed_by(beside, ran, parameters, operator)}
 
-    finer, slower = replace(joint, size=finer_mesh(joint.size)), replace(joint, substeps=2 * joint.substeps)
+    size = telling_mesh(joint.study, joint.data.specimen, joint.size)
+    finer, slower = replace(joint, size=size), replace(joint, substeps=2 * joint.substeps)
     finer_history, fine = finer.shown(parameters)
     smooth = told(joint, history, joint.smoothed(history, parameters), smooth_operator)
     fine_smooth = told(finer, finer_history, finer.smoothed(finer_history, parameters), smooth_operator)
     coarse, fine, slow = told(joint, history, coarse), told(finer, finer_history, fine), told(slower, *slower.shown(parameters))
     kept = 0.5 ** ORDER[joint.study.numerics.heat_integration]
     found = {
-        MESH: {name: (smooth[name] - fine_smooth[name]) / (1.0 - FINER**-2) for name in coarse},
+        MESH: {name: (smooth[name] - fine_smooth[name]) / (1.0 - left_by(joint.size, size)) for name in coarse},
         WITHIN: {name: coarse[name] - smooth[name] for name in coarse},
         THEIRS: {name: fine_smooth[name] - fine[name] for name in coarse},
         STEPS: {name: (coarse[name] - slow[name]) / (1.0 - kept) for name in coarse},

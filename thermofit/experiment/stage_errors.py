@@ -13,7 +13,7 @@ import numpy as np
 
 from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.discretisation import FINER, MESH, ORDER, SHEET, STEPS, finer_mesh, on_mesh_ratio, sheet_on_mesh
+from thermofit.experiment.discretisation import MESH, ORDER, SHEET, STEPS, left_by, on_mesh_ratio, sheet_on_mesh, telling_mesh
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.joint import FORCE_NOISE, Joint, coarse_mesh
@@ -76,8 +76,9 @@ def _numerical(
     """Errors of the study's mesh, of the one layer of a sheet and of the steps, (n, 1) each: wholly in the residual, for a stage does not
     correct them. Steps tell of heat: where no temperatures are compared they are not asked."""
     here = model_of(data, settings, parameters, size).residual(parameters)
-    fine = model_of(data, settings, parameters, finer_mesh(size)).residual(parameters)
-    found = {MESH: on_mesh_ratio(size, study.mesh_size) * (here - fine)[:, None] / (1.0 - FINER**-2)}
+    finer = telling_mesh(study, data.specimen, size)
+    fine = model_of(data, settings, parameters, finer).residual(parameters)
+    found = {MESH: on_mesh_ratio(size, study.mesh_size) * (here - fine)[:, None] / (1.0 - left_by(size, finer))}
     if isinstance(size, SheetSize):
         body = model_of(data, settings, parameters, size.body).residual(parameters)
         found[SHEET] = (here - body)[:, None] / (1.0 - sheet_on_mesh(size.body))

@@ -7,9 +7,11 @@ contact coefficient takes what the area lacks.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
+from thermofit.body.mesh.mesh import Mesh
 from thermofit.core.errors import StudyError
 
 _SAME = 1e-9
@@ -48,3 +50,13 @@ def split_at(ends: Sequence[float], counts: Sequence[int], mouth: float) -> tupl
     before = round(counts[k] * (mouth - ends[k]) / (ends[k + 1] - ends[k]))
     before = min(max(before, 1), counts[k] - 1)
     return [*ends[: k + 1], mouth, *ends[k + 1 :]], [*counts[:k], before, counts[k] - before, *counts[k + 1 :]]
+
+
+def longest(mesh: Mesh) -> tuple[float, float]:
+    """Length mm along the load of the longest element in the jaws, 0 where nothing is held, and of the longest one outside, in a mesh of
+    node planes."""
+    y = np.unique(np.round(mesh.nodes[:, 1], 6))
+    held = mesh.nodes[mesh.facets["clamp"], 1].mean(axis=1)
+    inside = np.array([np.any((held > a + _SAME) & (held < b - _SAME)) for a, b in pairwise(y)])
+    length = np.diff(y)
+    return float(length[inside].max(initial=0.0)), float(length[~inside].max(initial=0.0))

@@ -402,7 +402,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "`one jaw and ramp` (aluminium) kappa 3.3 of their errors off. On `pulse-source` (steel) E was 2.7 off, with alpha_clamp",
         "known to 26 % and c0 to 7.5 %. Beside one spot these are known to 3.5 % and 0.08 %, and E is 3.4 of its errors off.",
         "The error of the force did not hold the times of its breaks. c0 of `warm-grip` (steel) was then 3.9 of its errors off, and",
-        "alpha_clamp of `modulus and warm grip` (aluminium) 3.4. They are 1.6 and 2.9.",
+        "alpha_clamp of `modulus and warm grip` (aluminium) 3.4. They are 0.5, with the mesh that knows the jaws, and 2.9.",
         "`softening-squared` was planted with 0.004, 0.0015 and 0.0007 first, which the laboratory's specimen does not carry.",
         "",
         "On `warm-grip` films were 6 of their errors off, at the noise and with exit 0. The source lies outside the window, and comes on",

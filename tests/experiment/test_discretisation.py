@@ -196,8 +196,8 @@ def test_the_mesh_that_tells_an_error_is_finer_in_the_jaws_too() -> None:
     assert telling_mesh(case, replace(held, gripped_length=2.0), size) == finer_mesh(size)
 
 
-def test_error_of_the_jaws_is_told_and_the_contact_does_not_take_it() -> None:
-    """The error of the contact that is told is that of a far finer mesh within a third, where the jaws hold one element."""
+def test_the_error_of_one_element_in_the_jaws_is_told() -> None:
+    """That of the temperatures is what a far finer mesh says of it within three tenths: 0.22, and 0.36 by a mesh with one there too."""
     parameters = Parameters.of(TRUTH, ("alpha_clamp",))
     held = Specimen(20.0, 1.5, 80.0, 20.0, 30.0, 150.0, 10.0)
     plain = replace(joint(("alpha_clamp",), parameters), size=MeshSize(n_x=2, n_y=28, n_z=1))
@@ -206,7 +206,7 @@ def test_error_of_the_jaws_is_told_and_the_contact_does_not_take_it() -> None:
     _, fine = replace(here, size=MeshSize(n_x=4, n_y=96, n_z=2)).shown(parameters)
     told = numerical_errors(here, parameters, history, coarse)[MESH]["theta"]
     true = here.smoothed(history, parameters)["theta"] - fine["theta"]
-    assert _rms(told - true) < 0.34 * _rms(true), (_rms(told), _rms(true), _rms(told - true))
+    assert _rms(told - true) < 0.3 * _rms(true), (_rms(told), _rms(true), _rms(told - true))
 
 
 def bending(time: np.ndarray) -> np.ndarray:

@@ -43,8 +43,6 @@ from thermofit.study.study import Study
 
 FINER = 1.5
 """Refinement r of the mesh that tells the error, at least."""
-ROUNDING = 1e-6
-"""Part of a length by which two elements of one length differ."""
 REMAINS = 0.5
 """Part of the error that is not trusted to be gone: an order between 1 and infinity in place of 2 would leave or overdo about as much."""
 ORDER = {"sdirk2": 2, "backward-euler": 1}
@@ -119,7 +117,8 @@ def telling_mesh(study: Study, specimen: Specimen, size: MeshSize) -> MeshSize:
     finer too. StudyError as a mesh of the study raises it.
 
     What the jaws hold is a few elements long, and the temperature falls by much in each of them. Counts are whole numbers: with half as
-    many again along the load as many may lie in the jaws as before, and then the finer mesh knows nothing of the error there.
+    many again along the load as many may lie in the jaws as before, and then the finer mesh knows nothing of the error there. More elements
+    end that: those of a grip are shared by length.
     """
     finer = finer_mesh(size)
     if study.geometry.shape == "file":
@@ -127,7 +126,7 @@ def telling_mesh(study: Study, specimen: Specimen, size: MeshSize) -> MeshSize:
     held, _ = longest(specimen_mesh(study.geometry, specimen, size))
     while True:
         inside, outside = longest(specimen_mesh(study.geometry, specimen, finer))
-        if inside <= max(held / FINER * (1.0 + ROUNDING), outside):
+        if inside <= max(held / FINER, outside):
             return finer
         finer = finer.with_counts({**finer.counts, "n_y": finer.n_y + 2})
 

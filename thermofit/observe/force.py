@@ -608,8 +608,8 @@ def _without_reversals(fit: Fit, record: ForceRecord, phases: Phases, sigma: flo
 
 
 def _finer(fit: Fit, record: ForceRecord) -> Fit:
-    """The fit with every interval between knots of its cubic pieces cut into eight, and with cubics for its lines, where they hold samples
-    enough.
+    """The fit with every interval between knots of its cubic pieces cut into eight, and with parabolas for its lines, where they hold
+    samples enough.
 
     A line is a piece whose bend is not worth its coefficients. In an elastic unloading it has none; where a short piece flows, what is left
     out moves the specimen by more than the line is told to be off.
@@ -623,9 +623,9 @@ def _finer(fit: Fit, record: ForceRecord) -> Fit:
 
 
 def _bent(curve: Curve, time: np.ndarray) -> Curve:
-    """The curve with a cubic in place of every line that holds twice the samples that this needs."""
+    """The curve with a parabola in place of every line that holds twice the samples that this needs."""
     held = np.diff(np.searchsorted(time, [*curve.edges[:-1], np.inf]))
-    degrees = tuple(3 if d < 3 and not k.size and n >= 8 else d for d, k, n in zip(curve.degrees, curve.knots, held, strict=True))
+    degrees = tuple(2 if d == 1 and n >= 6 else d for d, n in zip(curve.degrees, held, strict=True))
     return replace(curve, degrees=degrees)
 
 

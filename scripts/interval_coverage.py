@@ -49,7 +49,7 @@ THERMOCOUPLE, CLASS, THICKNESS, WIDTH, SCALE = 0.1, 0.5, 0.005, 0.02, 2e-4
 STATED = {"force_class": CLASS, "thickness": THICKNESS, "width": WIDTH, "camera_scale": SCALE}
 LEVEL, NORMAL = 0.95, 1.96
 TRUTH_MESH, FINER_STEPS = MeshSize(n_x=18, n_y=144, n_z=5), 16
-COUNT, FIRST_SEED = 2, 101
+COUNT, FIRST_SEED = 3, 201
 """Number of the count that rows belong to: one more, with fresh seeds, where what is counted has changed. Rows without it are of the first,
 which began at 1."""
 

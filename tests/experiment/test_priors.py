@@ -123,7 +123,7 @@ def test_a_diagnosis_of_fields_knows_the_error_of_the_pose(monkeypatch: pytest.M
     assert seen[0].settings.free[-4:] == tuple(pose_bounds(case, POSE)), "and fits it with everything else"
     with pytest.raises(InterruptedError):
         body.BodyExperiment(case, given=replace(data(), registration=POSE)).diagnosed(Parameters.of(TRUTH, ("c0",)), ("c0",))
-    assert seen[1].settings.free == ("c0",), "but where names are given"
+    assert seen[1].settings.free == ("c0", *pose_bounds(case, POSE)), "where names are given too"
 
 
 def test_the_pose_is_fitted_within_what_an_error_of_its_landmarks_can_reach() -> None:

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from virtual_pulls import TRUTH, data, study
+from virtual_pulls import TRUTH, data, pulled, study
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.fields import Measured
+from thermofit.experiment.priors import LANDMARKS, is_of_pose, pose_bounds
 from thermofit.fit.budget import Budget
 from thermofit.identify import refine as module
 from thermofit.identify.budget import budget_datasets, earlier_moves, helps_most
@@ -73,6 +74,34 @@ def test_a_reading_is_a_datum_and_its_error_reaches_what_it_acts_on(one: Made) -
     assert {"noise", "time steps"} <= set(shares)
     assert shares.get("mesh", 0.0) < 0.05, "data of the same mesh hold nothing of its error"
     assert one.summary["helps_most"]
+
+
+LANDMARK_ERRORS = {
+    "ir_registration.shift_y": 3.0, "ir_registration.shift_x": 0.3, "ir_registration.rotation": 5e-3, "ir_registration.scale": 5e-3,
+}  # fmt: skip
+
+
+def test_the_camera_lies_beside_the_specimen_by_an_error_of_its_landmarks(tmp_path: Path) -> None:
+    """Its pose is fitted with everything else, a datum within bounds; of 5 mm along the load half comes back at least."""
+    found = made(tmp_path, replace(pulled(beside=5.0), registration=LANDMARK_ERRORS))
+    assert found.summary["refined"], found.summary["verdict"]
+    free, shift = {name: p for name, p in found.parameters.items() if p.free}, "ir_registration.shift_y"
+    assert {name: (p.lower, p.upper) for name, p in free.items() if is_of_pose(name)} == pose_bounds(study(), LANDMARK_ERRORS)
+    truth = {**TRUTH, **dict.fromkeys(LANDMARK_ERRORS, 0.0), shift: 5.0}
+    z = {name: (p.value - truth[name]) / p.sigma for name, p in free.items() if p.sigma}
+    assert max(map(abs, z.values())) < 3.0 and len(z) == len(free), z
+    assert free[shift].value > 2.5 and (free[shift].sigma or np.inf) < 0.6 * 3.0, "the data tell more than the landmarks"
+    causes = {c["cause"]: c["share"] for c in found.summary["budget"]["ir_registration.shift_x"]}
+    assert causes[LANDMARKS] > 0.5 and sum(causes.values()) == pytest.approx(1.0)
+
+
+def test_what_would_help_most_helps_what_is_asked_for() -> None:
+    """A landmark may make all of the error of a pose; what is asked for is the material."""
+    parts = {"noise": np.array([[2.0], [0.0], [0.0]]), LANDMARKS: np.array([[1.0], [0.3], [0.1]])}
+    both = Budget(("kappa", "ir_registration.shift_y", "ir_registration.scale"), parts, np.zeros(3, dtype=bool))
+    assert helps_most(both).startswith("noise makes 80 % of the variances")
+    only = replace(both, parts={**parts, "noise": 0.1 * parts["noise"]})
+    assert f"{LANDMARKS} makes" in helps_most(only) and "landmarks of the infrared camera that are found to less" in helps_most(only)
 
 
 def test_what_the_stages_had_stays_in_the_record(one: Made) -> None:

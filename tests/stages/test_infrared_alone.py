@@ -16,6 +16,7 @@ from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.experiment.fields import measured, read_field
 from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.known_effects import effects_of_fields
+from thermofit.experiment.priors import pose_bounds
 from thermofit.records.artefact import open_record
 from thermofit.study.study import Study, load_study
 from thermofit.study.template import write_template
@@ -65,7 +66,11 @@ def test_thermal_parameters_come_back(alone: Path) -> None:
     """All six within three combined standard errors of the planted ones, the mechanical ones as they were given."""
     record = open_record(alone.parent / "run" / "refine.h5")
     free = {name: one for name, one in record.parameters.items() if one.free}
-    assert set(free) == {*THERMAL, "theta_air", "theta_clamp"} and record.summary["refined"]
+    study = load_study(alone)
+    pose = pose_bounds(study, measured(study).registration)
+    assert len(pose) == 4, "the camera lies beside the specimen by an error of its landmarks, which is fitted with everything else"
+    assert set(free) == {*THERMAL, "theta_air", "theta_clamp", *pose} and record.summary["refined"]
+    assert {name: (free[name].lower, free[name].upper) for name in pose} == pose
     for name in THERMAL:
         assert free[name].sigma is not None and 0.0 < free[name].sigma < 0.2 * free[name].value, name
         assert abs(free[name].value - tiny.TRUTH[name]) < 3.0 * free[name].sigma, name

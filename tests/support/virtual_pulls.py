@@ -43,8 +43,11 @@ def study(extra: str = "", values: dict[str, float] | None = None, raw: str = "e
         return load_study(path, [f"run_dir={folder}"])
 
 
-def pulled(values: dict[str, float] | None = None, force: np.ndarray = FORCE, noise: float = 1.0, seed: int = 5) -> Measured:
-    """A test with `noise` times 2 um, 20 mK and 4 N, observed at its own steps; the crosshead is the upper end."""
+def pulled(
+    values: dict[str, float] | None = None, force: np.ndarray = FORCE, noise: float = 1.0, seed: int = 5, beside: float = 0.0
+) -> Measured:
+    """A test with `noise` times 2 um, 20 mK and 4 N, observed at its own steps; the crosshead is the upper end. The infrared camera
+    looks so many millimetres `beside` its points, along the load."""
     truth, rng = Parameters.of({**TRUTH, **(values or {})}), np.random.default_rng(seed)
     air, clamp = truth["theta_air"], truth["theta_clamp"]
     empty = Measured(SPECIMEN, air, clamp, None, None, None, {}, 2.0, ())  # type: ignore[arg-type]
@@ -55,7 +58,7 @@ def pulled(values: dict[str, float] | None = None, force: np.ndarray = FORCE, no
     blank = FieldObservation("u", TIME, XY, np.zeros((*shape, 2)), np.full((*shape, 2), 0.002), np.ones(shape, dtype=bool), "mm")
     look = sampler(body, blank, steps)
     u = replace(blank, value=look.displacement(history) + 0.002 * noise * rng.normal(size=(*shape, 2)))
-    theta = look.temperature(history.theta)
+    theta = sampler(body, replace(blank, xy=XY + np.array([0.0, beside])), steps).temperature(history.theta)
     t = FieldObservation("theta", TIME, XY, theta + 0.02 * noise * rng.normal(size=theta.shape), np.full(theta.shape, 0.02), u.mask, "K")
     every = {"displacement": steps, "temperature": steps, "all": steps}
     phases = (

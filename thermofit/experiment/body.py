@@ -254,7 +254,7 @@ class BodyExperiment:
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the errors of mesh and steps at the optimum of the stages taken into the data."""
         settings = self.joint_settings(free)
-        pose = {} if free or not self.data.registration else pose_bounds(self.study, self.data.registration)
+        pose = pose_bounds(self.study, self.data.registration) if self.data.registration else {}
         settings = settings.model_copy(update={"free": (*settings.free, *pose)})
         base, size = base.with_free(settings.free), diagnosis_mesh(self.study)
         plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study, self.data.registration))

@@ -269,7 +269,7 @@ class SeveralExperiments:
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the errors of every mesh and its steps at the optimum of the stages taken into the data."""
         settings, size = self.joint_settings(free), diagnosis_mesh(self.study)
-        pose = {} if free else self.poses()
+        pose = self.poses()
         settings = settings.model_copy(update={"free": (*settings.free, *pose)})
         base, priors = base.with_free(settings.free), self._priors_of_each()
         plain = self._joint(settings, size)

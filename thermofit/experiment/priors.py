@@ -18,6 +18,10 @@ from thermofit.study.study import Study
 UNLIKELY = 5.0
 """Standard errors off what was declared from which it is no error of that: one in two million readings."""
 
+LANDMARKS = "landmarks of the infrared camera"
+"""Cause in a budget: where the camera lies beside the specimen."""
+_POSE = "ir_registration."
+
 
 def prior_sigma(study: Study, name: str) -> float | None:
     """Standard error of the declared value of a parameter: the study's, else that of the Param; None: none."""
@@ -42,6 +46,11 @@ def effect_priors(study: Study, registration: Mapping[str, float] | None = None)
     told = {p.name: p.neutral for e in effects() for p in e.amplitudes if "." in p.name}
     posed = tuple(Prior(n, told[n], s, firm=False) for n, s in (registration or {}).items() if n not in study.diagnosis.priors)
     return (*priors_of(study, told), *posed)
+
+
+def is_of_pose(name: str) -> bool:
+    """Whether a parameter is a number of the pose of an infrared camera."""
+    return name.startswith(_POSE)
 
 
 def pose_bounds(study: Study, registration: Mapping[str, float]) -> dict[str, tuple[float, float]]:

@@ -10,7 +10,7 @@ The moves are kept, not only their squares: what a later fit takes from this one
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,10 +77,10 @@ class Budget:
         most = max(found, key=lambda name: found[name])
         return most, found[most] / max(float(np.mean(noise)), np.finfo(float).tiny)
 
-    def shares(self) -> dict[str, float]:
-        """Share of every cause in the variance, the mean over all parameters that are determined; largest first."""
+    def shares(self, names: Collection[str] | None = None) -> dict[str, float]:
+        """Share of every cause in the variance, the mean over all parameters, or over `names`, that are determined; largest first."""
         total = np.diag(self.covariance)
-        seen = total > 0.0
+        seen = (total > 0.0) & [names is None or name in names for name in self.names]
         found = {cause: float(np.mean(self.of(cause)[seen] ** 2 / total[seen])) if seen.any() else 0.0 for cause in self.parts}
         return dict(sorted(found.items(), key=lambda one: -one[1]))
 

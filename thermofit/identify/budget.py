@@ -12,6 +12,7 @@ from thermofit.experiment.channels import field_of
 from thermofit.experiment.discretisation import MESH, SHEET, STEPS, THEIRS, WITHIN
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
+from thermofit.experiment.priors import LANDMARKS, is_of_pose
 from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, MISFIT, NOISE, OTHER_FORM, PULLED, SLOWER_RATES, Budget
 from thermofit.records.artefact import Dataset, Record, of_parameters
 
@@ -27,6 +28,7 @@ _HELP = {
     AREA_THICKNESS: "the thickness measured to less",
     AREA_WIDTH: "the width measured to less",
     SCALE: "the cameras' scale calibrated to less",
+    LANDMARKS: "landmarks of the infrared camera that are found to less, or more of them",
     **dict.fromkeys((MESH, WITHIN, THEIRS), "a finer mesh"),
     STEPS: "smaller time steps",
     SHEET: "the mesh of a body in place of the sheet",
@@ -76,8 +78,9 @@ def budget_summary(budget: Budget) -> dict[str, Any]:
 
 
 def helps_most(budget: Budget) -> str:
-    """Which measurement would lower the uncertainties most: that against the cause with the largest share of the variances."""
-    shares = budget.shares()
+    """Which measurement would lower the uncertainties most: that against the cause with the largest share of the variances, of which those
+    of the pose of a camera are none that anybody asks for."""
+    shares = budget.shares([name for name in budget.names if not is_of_pose(name)])
     cause = next(iter(shares), "")
     if not shares.get(cause):
         return ""

@@ -12,6 +12,7 @@ from thermofit.core.parameters import THERMOCOUPLES, Parameters, bare_name
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prescribed import Moved, acting, columns
+from thermofit.experiment.priors import LANDMARKS, is_of_pose
 from thermofit.experiment.protocol import Experiment
 from thermofit.fit.budget import Budget, combined
 from thermofit.fit.linear_model import LinearModel
@@ -93,14 +94,21 @@ def taken_for_exact(
 
 
 def _within(model: StageModel, jacobian: np.ndarray) -> dict[str, np.ndarray]:
-    """What of the noise of the joint residual has a name: error of the smoothed force, readings of thermocouples."""
+    """What of the noise of the joint residual has a name: error of the smoothed force, readings of thermocouples, landmarks of the infrared
+    camera of each test."""
     n, found = len(jacobian), {}
     if (shared := model.common_columns()).size:
         found[FORCE_NOISE] = shared
     begin = n - len(model.priors)
     for k, prior in enumerate(model.priors):
-        if bare_name(prior.name) in THERMOCOUPLES and jacobian[begin + k].any():
-            found[prior.name] = np.eye(n, 1, -(begin + k))
+        if not jacobian[begin + k].any():
+            continue
+        own, bare = np.eye(n, 1, -(begin + k)), bare_name(prior.name)
+        if bare in THERMOCOUPLES:
+            found[prior.name] = own
+        elif is_of_pose(bare):
+            cause = LANDMARKS + prior.name.removeprefix(bare)
+            found[cause] = np.column_stack([found[cause], own]) if cause in found else own
     return found
 
 

@@ -1,8 +1,8 @@
 """All parameters, all channels, one residual: the last fit of the chain, from where the stages ended.
 
-A stage takes what earlier stages have told for exact, and its thermocouples too. Here nothing is: every parameter is free, readings are
-data with an error, the error of the smoothed force is noise that both fields share, and those of mesh and steps are in the data
-(`experiment.discretisation`). From the optimum of the stages a few steps suffice.
+A stage takes what earlier stages have told for exact, its thermocouples and the pose of its infrared camera too. Here nothing is: every
+parameter is free, readings and landmarks are data with an error, the error of the smoothed force is noise that both fields share, and those
+of mesh and steps are in the data (`experiment.discretisation`). From the optimum of the stages a few steps suffice.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from thermofit.experiment.verification import FORCE_TOLD, NUMERICAL, known_place
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.combined import joint_budget
 from thermofit.identify.outcome import MISFIT, channel_table, made
-from thermofit.identify.solve import F_TOLERANCE, Solved, covariance_of, minimised
+from thermofit.identify.solve import F_TOLERANCE, Solved, covariance_of, minimised, within
 from thermofit.records.artefact import Dataset, ParameterResult, Record
 from thermofit.records.staging import Job, Made, Note
 from thermofit.study.stages import StageSettings
@@ -53,13 +53,14 @@ def refined(study: Study, experiment: Experiment, base: Parameters, task: Job, r
     if not reason:
         try:
             problem = experiment.diagnosed(base, _freed(experiment, staged))
-            solved = _solved(study, experiment, problem, task)
+            bound = within(study, problem.base, problem.told)
+            solved = _solved(bound, experiment, problem, task)
         except NumericsError as error:
             reason = f"the joint model cannot be run ({error})"
         else:
             reason = _doubtful(problem, solved)
             if not reason:
-                return _made(study, experiment, problem, solved, staged)
+                return _made(bound, experiment, problem, solved, staged)
     return _as_staged(base, staged, records, reason)
 
 

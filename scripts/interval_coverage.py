@@ -29,6 +29,7 @@ from scipy.stats import binom
 
 from thermofit.core.errors import ThermofitError
 from thermofit.experiment.forms import experiment_of
+from thermofit.experiment.priors import is_of_pose
 from thermofit.identify.refine import refined
 from thermofit.records.artefact import open_record
 from thermofit.records.staging import artefact_path, job
@@ -152,7 +153,7 @@ def departures(rows: Sequence[Mapping[str, Any]], key: str) -> np.ndarray:
 def statistics(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
     """Per parameter: share of intervals that hold the truth, its binomial range, widths."""
     for key in rows[0]["parameters"]:
-        if key.startswith("theta_"):
+        if key.startswith("theta_") or is_of_pose(key):
             continue
         found, z = [r["parameters"][key] for r in rows], departures(rows, key)
         size, n = abs(found[0]["true"]), len(rows)

@@ -288,6 +288,42 @@ def test_an_ill_conditioned_matrix_never_gives_a_bad_residual(digits: int, seed:
     assert np.all(np.abs(b - dense @ x).max(axis=0) <= 2e-8 * np.abs(b).max(axis=0) + rounding)
 
 
+def soft(n: int, stiff: float) -> np.ndarray:
+    """Dense matrix of a chain of springs of 1 N/mm that is held at one end, with one far stiffer in its middle."""
+    springs = np.where(np.arange(n) == n // 2, stiff, 1.0)
+    return np.diag(springs + np.append(springs[1:], 0.0)) - np.diag(springs[1:], 1) - np.diag(springs[1:], -1)
+
+
+@pytest.mark.parametrize("columns", [1, 6])
+def test_a_residual_of_rounding_alone_is_no_error(columns: int, solver: str) -> None:
+    """A stiff spring that moves by millimetres: rounding of its force is more than 10^-8 of the load, and the displacement is right."""
+    n, load = 30, np.zeros((30, columns))
+    load[-1] = np.logspace(0, -3, columns)
+    dense = soft(n, 1e8)
+    right = (np.cumsum(1.0 / np.where(np.arange(n) == n // 2, 1e8, 1.0))[:, None]) * load[-1]
+    factor = Factor(*stored(dense))
+    x = factor.solve(load)
+    assert np.abs(dense @ x - load).max() > 1e-8 * load.max(), "else this is no test"
+    assert x == pytest.approx(right, rel=1e-6)
+
+
+def test_a_residual_above_rounding_is_an_error_however_small() -> None:
+    n = 30
+    factor = Factor(*stored(soft(n, 1.0)))
+    good = factor._solver.solve
+    factor._solver.solve = lambda b: good(b) + 3e-8 * (np.arange(n) == n - 1)[:, None]  # type: ignore[method-assign]
+    with pytest.raises(NumericsError, match="relative residual 3.0e-08"):
+        factor.solve(np.ones((n, 1)))
+
+
+def test_where_rounding_is_large_beside_the_load_there_is_no_answer() -> None:
+    """A spring 10^12 times stiffer than the others: 2e-4 of the load are lost in it."""
+    load = np.zeros(30)
+    load[-1] = 1.0
+    with pytest.raises(NumericsError, match="nearly singular"):
+        Factor(*stored(soft(30, 1e12))).solve(load)
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_numbers_that_are_not_finite_never_give_an_answer(solver: str, bad: float) -> None:
     pattern, data, _ = assembled(*chain(20, 4), 20)

@@ -12,6 +12,7 @@ from thermofit.body.mesh.planes import longest
 from thermofit.body.mesh.specimen import specimen_mesh
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.discretisation import (
     MESH,
     STEPS,
@@ -27,6 +28,7 @@ from thermofit.experiment.discretisation import (
 )
 from thermofit.experiment.fields import LoadSteps, refined
 from thermofit.experiment.joint import Joint, joint_settings
+from thermofit.experiment.many import SeveralExperiments
 from thermofit.experiment.missing import MissingTerm
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
@@ -194,6 +196,15 @@ def test_the_mesh_that_tells_an_error_is_finer_in_the_jaws_too() -> None:
     whole = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
     assert telling_mesh(case, whole, size) == finer_mesh(size) == MeshSize(n_x=6, n_y=42, n_z=2)
     assert telling_mesh(case, replace(held, gripped_length=2.0), size) == finer_mesh(size)
+
+
+def test_an_experiment_knows_the_mesh_that_tells_the_error_of_its_own() -> None:
+    """`verify --refine` compares with it; of several it is that of the specimen that needs the most."""
+    size, case = MeshSize(n_x=4, n_y=28, n_z=1), study()
+    plain = BodyExperiment(case, given=data())
+    held = BodyExperiment(case, given=replace(data(), specimen=Specimen(20.0, 1.5, 80.0, 20.0, 30.0, 150.0, 10.0)))
+    assert plain.finer(size) == MeshSize(n_x=6, n_y=42, n_z=2) and held.finer(size) == MeshSize(n_x=6, n_y=48, n_z=2)
+    assert SeveralExperiments(case, (plain, held)).finer(size) == held.finer(size)
 
 
 def test_the_error_of_one_element_in_the_jaws_is_told() -> None:

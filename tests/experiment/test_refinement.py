@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
+from thermofit.experiment.discretisation import finer_mesh
 from thermofit.experiment.refinement import coarser_mesh, error_of, observed_order, refinement, spacing
 from thermofit.study.section import MeshSize, SheetSize
 
@@ -82,6 +83,11 @@ class Experiment:
 
     def with_steps(self, parts: int) -> Experiment:
         return Experiment(parts, self.scalable, self.own, self.layer)
+
+    def finer(self, size: MeshSize) -> MeshSize:
+        """Twice as many elements along the load: more than the others need."""
+        mesh = finer_mesh(size)
+        return mesh.with_counts({**mesh.counts, "n_y": 2 * size.n_y})
 
     def joint(self, settings: Any, base: Parameters, size: MeshSize) -> Any:
         h = spacing(size if self.layer == 0.0 else SheetSize(n_x=size.n_x, n_y=size.n_y))

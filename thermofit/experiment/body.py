@@ -16,7 +16,7 @@ from thermofit.effects.catalogue import Effect
 from thermofit.experiment.body_check import checked
 from thermofit.experiment.compiling import compiled
 from thermofit.experiment.computed_motion import refuse_identified, told_by_temperatures
-from thermofit.experiment.discretisation import corrected
+from thermofit.experiment.discretisation import corrected, telling_mesh
 from thermofit.experiment.drive import SECTIONS, near_maximum, with_driven_force, with_force_channel
 from thermofit.experiment.fields import (
     INTERPOLATE,
@@ -164,6 +164,10 @@ class BodyExperiment:
     def scalable(self) -> bool:
         """A mesh of a file is as it is."""
         return self.study.geometry.shape != "file"
+
+    def finer(self, size: MeshSize) -> MeshSize:
+        """That of its specimen."""
+        return telling_mesh(self.study, self.data.specimen, size) if self.scalable else size
 
     def stage(self, key: str) -> tuple[StageSettings, Kept]:
         """Settings as the study gives them; without displacements nothing mechanical is free."""

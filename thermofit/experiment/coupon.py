@@ -144,6 +144,10 @@ class CouponExperiment:
         """A point has no mesh."""
         return False
 
+    def finer(self, size: MeshSize) -> MeshSize:
+        """The same: a point has none."""
+        return size
+
     def stage(self, key: str) -> tuple[StageSettings, Kept]:
         """Settings without the elastic constants where no record has an elastic range that tells them, and these."""
         settings, names = answerable(self.study.stage(key), self.data)

@@ -148,6 +148,10 @@ class SeveralExperiments:
         """As each of them: they have the geometry of the study."""
         return self.tests[0].scalable
 
+    def finer(self, size: MeshSize) -> MeshSize:
+        """The finest of those of their specimens."""
+        return max((test.finer(size) for test in self.tests), key=lambda mesh: mesh.n_y)
+
     def stage(self, key: str) -> tuple[StageSettings, Kept]:
         """Settings of the study, what each has for itself free in each."""
         settings, kept = self.study.stage(key), Kept()

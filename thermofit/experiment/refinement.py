@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from thermofit.core.parameters import Parameters, param
-from thermofit.experiment.discretisation import FINER, finer_mesh
+from thermofit.experiment.discretisation import FINER
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.protocol import Experiment
 from thermofit.fit.linear_model import LinearModel
@@ -97,7 +97,7 @@ def refinement(experiment: Experiment, parameters: Parameters, size: MeshSize, s
     def model(mesh: MeshSize, parts: int) -> StageModel:
         return experiment.with_steps(parts).joint(settings, parameters.with_free(names), mesh).model
 
-    meshes = (coarser_mesh(size), size, finer_mesh(size)) if experiment.scalable else ()
+    meshes = (coarser_mesh(size), size, experiment.finer(size)) if experiment.scalable else ()
     least = meshes[0] if meshes else size
     runs = [(least, 1), (least, 2), (least, 4), *((mesh, 1) for mesh in meshes[1:])]
     layered = len(runs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -77,12 +77,14 @@ class Experiment:
     own: tuple[tuple[str, float], ...] = ()
     layer: float = 0.0
     """Error of one layer of elements over the thickness."""
+    asked: list[MeshSize] = field(default_factory=list)
+    """Meshes of the models so far."""
 
     def joint_settings(self) -> Any:
         return type("Settings", (), {"free": ("E", "nu")})
 
     def with_steps(self, parts: int) -> Experiment:
-        return Experiment(parts, self.scalable, self.own, self.layer)
+        return replace(self, parts=parts)
 
     def finer(self, size: MeshSize) -> MeshSize:
         """Twice as many elements along the load: more than the others need."""
@@ -90,6 +92,7 @@ class Experiment:
         return mesh.with_counts({**mesh.counts, "n_y": 2 * size.n_y})
 
     def joint(self, settings: Any, base: Parameters, size: MeshSize) -> Any:
+        self.asked.append(size)
         h = spacing(size if self.layer == 0.0 else SheetSize(n_x=size.n_x, n_y=size.n_y))
         return type("Problem", (), {"model": Model(h, self.parts, base.free, layer=self.layer / size.n_z**2, **dict(self.own))})
 
@@ -117,6 +120,13 @@ def test_errors_that_are_powers_are_found_exactly() -> None:
     assert rows["E"]["mesh_index"] == pytest.approx(3.0 * shift[0], rel=1e-9), "dtheta shows no order, so that the factor is 3"
     assert rows["E"]["over_sigma"] == pytest.approx(np.hypot(rows["E"]["mesh_index"], rows["E"]["steps_index"]) / 100.0)
     assert rows["nu"]["over_sigma"] is None
+
+
+def test_the_finer_mesh_is_that_of_the_experiment() -> None:
+    """Which is finer in the jaws of its specimen too."""
+    own = Experiment()
+    found(own)
+    assert {SIZE, own.finer(SIZE), coarser_mesh(SIZE)} == set(own.asked) and own.finer(SIZE) != finer_mesh(SIZE)
 
 
 def test_the_layer_of_a_sheet_is_told_beside_its_mesh() -> None:

@@ -167,7 +167,7 @@ class BodyExperiment:
 
     def finer(self, size: MeshSize) -> MeshSize:
         """That of its specimen."""
-        return telling_mesh(self.study, self.data.specimen, size) if self.scalable else size
+        return telling_mesh(self.study, self.data.specimen, size)
 
     def stage(self, key: str) -> tuple[StageSettings, Kept]:
         """Settings as the study gives them; without displacements nothing mechanical is free."""

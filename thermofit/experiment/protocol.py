@@ -227,7 +227,7 @@ class Experiment(Protocol):
         """True where a coarser mesh can be made of it, whose optimum is a good start."""
 
     def finer(self, size: MeshSize) -> MeshSize:
-        """The mesh that tells the error of one of that size, finer in the jaws too; the same where there is none."""
+        """The mesh that tells the error of one of that size, finer in the jaws too; asked where `scalable`."""
 
     def stage(self, key: str) -> tuple[StageSettings, Kept]:
         """Settings of an identification stage on these data, and what it leaves as the study gives it because no datum tells it."""

@@ -78,8 +78,8 @@ def budget_summary(budget: Budget) -> dict[str, Any]:
 
 
 def helps_most(budget: Budget) -> str:
-    """Which measurement would lower the uncertainties most: that against the cause with the largest share of the variances, of which those
-    of the pose of a camera are none that anybody asks for."""
+    """Which measurement would lower the uncertainties most: that against the cause with the largest share of the variances. That of a
+    camera's pose does not count: it is no result that a test is made for."""
     shares = budget.shares([name for name in budget.names if not is_of_pose(name)])
     cause = next(iter(shares), "")
     if not shares.get(cause):

@@ -27,8 +27,9 @@ SOLVER_VARIABLE = "THERMOFIT_SOLVER"
 
 _RESIDUAL_LIMIT = 1e-8
 _ROUNDING, _AT_ROUNDING = 16.0 * np.finfo(float).eps, 1e-6
-"""A residual within so many |K| |x| is rounding of the product itself, and no solver leaves less (W. Oettli and W. Prager, Numer. Math. 6,
-1964). A long soft specimen with stiff ties reaches it above the limit, well before it is singular; it may be so many of b then."""
+"""A residual below _ROUNDING |K| |x| is rounding of the product itself: a better x leaves no less (W. Oettli and W. Prager, Numer. Math. 6,
+1964). Where a specimen as a whole is far softer than its elements, this is above _RESIDUAL_LIMIT of the load well before the matrix is
+singular. Such an x is taken up to a residual of _AT_ROUNDING of the load."""
 _SEVERAL = 4
 """Right-hand sides from which they are checked together."""
 _REFINEMENTS = 2
@@ -250,10 +251,10 @@ class Factor:
         return x, size
 
     def _at_rounding(self, x: np.ndarray, b: np.ndarray) -> bool:
-        """Whether the residual (n, m) of every column that is above the limit is rounding alone."""
+        """Whether the residual of every column of x (n, m) is rounding alone."""
         p = self._pattern
         error, sizes = _largest(self._residual(x, b)), _residual(p.row, p.column, -np.abs(self._data), np.abs(x), np.zeros_like(b))
-        return bool(np.all((error <= _RESIDUAL_LIMIT * _largest(b)) | (error <= _ROUNDING * _largest(sizes))))
+        return bool(np.all(error <= _ROUNDING * _largest(sizes)))
 
     def _sound(self, x: np.ndarray, b: np.ndarray, scale: np.ndarray) -> bool:
         """Whether all columns pass at once: the residual of one random combination of them, each taken in units of its own size.

@@ -100,6 +100,7 @@ bench: install
 coverage: install
 	$(BIN)/python scripts/interval_coverage.py --draws $(DRAWS)
 	$(BIN)/python scripts/interval_coverage.py --draws 8 --mesh full
+	$(BIN)/python scripts/interval_coverage.py --draws 12 --interpolation three-point
 
 dead-ends: install
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow tests/stages/test_dead_ends.py

@@ -1,6 +1,7 @@
 """Do the intervals hold the truth? Virtual experiments are drawn, each goes through the chain, and the intervals are counted.
 
     python scripts/interval_coverage.py --draws 40            # goes on where it stopped; rows in docs/coverage.jsonl
+    python scripts/interval_coverage.py --interpolation three-point --draws 12    # with the data that the thesis used
     python scripts/interval_coverage.py --page                # docs/coverage.md and its figure from the rows
 
 The material of exp1 and exp3 is computed once on a mesh of its own. Every draw then has its own noise of both cameras and of the load cell,
@@ -55,11 +56,15 @@ COUNT, FIRST_SEED = 3, 201
 which began at 1. `again` of a row says why this draw alone was made anew."""
 
 
-def study_of(name: str, mesh: str, folder: Path, raw: Path | None = None) -> Study:
+PROJECTION, THREE_POINT = "projection", "three-point"
+"""`evaluation.interpolation`: the default, and that of the thesis. Rows without the key are of the default."""
+
+
+def study_of(name: str, mesh: str, folder: Path, raw: Path | None = None, interpolation: str = PROJECTION) -> Study:
     """The study of an experiment; `raw`: what was drawn of it."""
     counts = INSTRUMENTS[mesh]
     keys = [f"mesh={mesh}", f"run_dir={folder}", f"simulate.dic.stages={counts['dic']}", f"simulate.ir.frames={counts['ir']}"]
-    keys += [f"uncertainty={json.dumps(STATED)}"]
+    keys += [f"uncertainty={json.dumps(STATED)}", f"evaluation.interpolation={interpolation}"]
     keys += [] if raw is None else [f"experiment={raw}"]
     return load_study(ROOT / "configs" / f"{name}.yaml", keys)
 
@@ -93,14 +98,15 @@ def drawn(fields: VirtualFields, settings: Simulate, seed: int, raw: Path) -> di
     return {"gain": gain, "thickness_mm": thickness, "width_mm": width, "scale": scale, "roll_deg": camera.roll_deg}
 
 
-def row_of(name: str, mesh: str, seed: int, truth: tuple[VirtualFields, Simulate]) -> dict[str, Any]:
+def row_of(name: str, mesh: str, seed: int, truth: tuple[VirtualFields, Simulate], interpolation: str = PROJECTION) -> dict[str, Any]:
     """One experiment through the chain."""
     begin = time.process_time()
     folder = Path(tempfile.mkdtemp(prefix="coverage-"))
     try:
         errors = drawn(*truth, seed, folder / "raw")
-        study = study_of(name, mesh, folder / "run", folder / "raw")
+        study = study_of(name, mesh, folder / "run", folder / "raw", interpolation)
         head = {"experiment": name, "mesh": mesh, "seed": seed, "count": COUNT, "drawn": errors}
+        head |= {} if interpolation == PROJECTION else {"interpolation": interpolation}
         try:
             for stage in (*READING, *IDENTIFYING):
                 stage_function(stage)(study)
@@ -129,16 +135,17 @@ def rows_there() -> list[dict[str, Any]]:
     return [json.loads(line) for line in ROWS.read_text(encoding="ascii").splitlines()] if ROWS.exists() else []
 
 
-def run(names: Sequence[str], mesh: str, draws: int) -> None:
+def run(names: Sequence[str], mesh: str, draws: int, interpolation: str = PROJECTION) -> None:
     """Draw what is missing, the experiments in turn."""
-    done = {(r["experiment"], r["mesh"], r["seed"]) for r in rows_there() if r.get("count") == COUNT}
+    there = [r for r in rows_there() if r.get("count") == COUNT and r.get("interpolation", PROJECTION) == interpolation]
+    done = {(r["experiment"], r["mesh"], r["seed"]) for r in there}
     truth: dict[str, tuple[VirtualFields, Simulate]] = {}
     for seed, name in ((seed, name) for seed in range(FIRST_SEED, FIRST_SEED + draws) for name in names):
         if (name, mesh, seed) in done:
             continue
         if name not in truth:
             truth[name] = truth_of(study_of(name, mesh, Path(tempfile.gettempdir()) / "coverage-truth"))
-        row = row_of(name, mesh, seed, truth[name])
+        row = row_of(name, mesh, seed, truth[name], interpolation)
         with ROWS.open("a", encoding="ascii") as out:
             out.write(json.dumps(row) + "\n")
         print(name, mesh, seed, row.get("failed") or row["verdict"], row.get("cpu_s"), flush=True)
@@ -176,7 +183,8 @@ def statistics(rows: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
 
 def page() -> None:
     """docs/coverage.md and its figure."""
-    every = [r for r in rows_there() if "failed" not in r]
+    whole = [r for r in rows_there() if "failed" not in r]
+    every = [r for r in whole if "interpolation" not in r]
     failed = [r for r in rows_there() if "failed" in r]
     groups: dict[tuple[str, str, int], list[dict[str, Any]]] = {}
     for r in every:
@@ -201,6 +209,7 @@ def page() -> None:
         f"![Departures]({FIGURE.name})",
     ]
     lines += ["", "*Departure from the truth in combined standard uncertainties, every draw; the band is the 95 % interval*"]
+    lines += _beside_three_points([r for r in whole if r.get("count") == COUNT])
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -239,6 +248,27 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return out
 
 
+def _beside_three_points(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """How wide intervals are beside honest ones of the stages with three points, at the mesh for which there are such."""
+    lines = []
+    for name, mesh in sorted({(r["experiment"], r["mesh"]) for r in rows if "interpolation" in r}):
+        of = [r for r in rows if (r["experiment"], r["mesh"]) == (name, mesh)]
+        now = {s["parameter"]: s for s in statistics([r for r in of if "interpolation" not in r])}
+        then = list(statistics([r for r in of if "interpolation" in r]))
+        ratios = [now[s["parameter"]]["sigma"] / s["before"] for s in then]
+        lines += ["", f"## {name}, {mesh} mesh, beside three points a node: {then[0]['n']} experiments", ""]
+        lines += [
+            "A node had the three nearest points or pixels, and parameters were those of the stages. An honest uncertainty of these is "
+            "their rms departure from the truth. *Ratio*: the combined uncertainty of now over it.",
+            "",
+        ]
+        lines += ["| parameter | +- now | honest +- with three points | ratio |", "|---|---:|---:|---:|"]
+        for s, ratio in zip(then, ratios, strict=True):
+            lines.append(f"| {s['parameter']} | {100.0 * now[s['parameter']]['sigma']:.2g} % | {100.0 * s['before']:.2g} % | {ratio:.2f} |")
+        lines += ["", f"The median of the ratios is {np.median(ratios):.2f}."]
+    return lines
+
+
 def _draw(axis: Any, rows: Sequence[Mapping[str, Any]], title: str) -> None:
     names = [s["parameter"] for s in statistics(rows)]
     for k, key in enumerate(names):
@@ -255,10 +285,11 @@ def main() -> None:
     parser.add_argument("--experiments", nargs="+", default=["exp3", "exp1"])
     parser.add_argument("--mesh", default="coarse", choices=tuple(INSTRUMENTS))
     parser.add_argument("--draws", type=int, default=40)
+    parser.add_argument("--interpolation", default=PROJECTION, choices=(PROJECTION, THREE_POINT))
     parser.add_argument("--page", action="store_true", help="write the page from the rows that are there, draw nothing")
     options = parser.parse_args()
     if not options.page:
-        run(options.experiments, options.mesh, options.draws)
+        run(options.experiments, options.mesh, options.draws, options.interpolation)
     page()
 
 

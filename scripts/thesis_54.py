@@ -94,9 +94,7 @@ def _one_optimum_coupled(place: Place) -> list[Statement]:
     """The same where both fields are solved together in every evaluation, as the thesis searches; nothing where that was left out."""
     if not place.has(COUPLED, "gridsearch"):
         return []
-    return [
-        _one_optimum(place, "with cooling, model 1, searched fully coupled as in the thesis: all four starts end in one optimum", COUPLED)
-    ]
+    return [_one_optimum(place, "with cooling, model 1, fully coupled as in the thesis: all four starts end in one optimum", COUPLED)]
 
 
 def _verified(place: Place, text: str, runs: tuple[str, str], expected: tuple[bool, bool]) -> Statement:

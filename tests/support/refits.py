@@ -17,9 +17,13 @@ from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
 from thermofit.fit.settings import Settings
 
+PLAINLY = Settings(f_tolerance=0.01)
 
-def refitting(model: StageModel) -> Callable[[Parameters, str], tuple[Parameters, FitResult]]:
-    """Least squares of the model."""
+
+def refitting(
+    model: StageModel, method: str = "least-squares", settings: Settings = PLAINLY
+) -> Callable[[Parameters, str], tuple[Parameters, FitResult]]:
+    """The optimum of the model."""
 
     def refit(start: Parameters, label: str, **_: Any) -> tuple[Parameters, FitResult]:
         names = start.free
@@ -31,7 +35,7 @@ def refitting(model: StageModel) -> Callable[[Parameters, str], tuple[Parameters
             names,
             lambda x: model.linearised(start.with_vector(x), names),
         )
-        fit = minimise(problem, "least-squares", Settings(f_tolerance=0.01))
+        fit = minimise(problem, method, settings)
         spread = LinearModel(fit.residual, fit.jacobian).covariance(names, fit.at_bound)
         return start.with_vector(fit.x), replace(fit, covariance=spread, sigma=spread.sigma)
 

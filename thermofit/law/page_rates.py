@@ -153,12 +153,13 @@ _FLOWED = np.geomspace(1e-4, 1e3, 256)
 def _felt(gradients: Gradients, arguments: tuple[Any, ...], law: Law, moved: np.ndarray) -> np.ndarray:
     """Numbers that a function of the law page depends on at any of several general points, of those that any direction moves."""
     generic = law._replace(theta_ref=law.theta_ref - 1.7 if law.theta_ref == arguments[-1] else law.theta_ref, per_second=0.3)
-    if not np.any(moved):
+    asked = np.flatnonzero(moved)
+    if not len(asked):
         return np.empty(0, dtype=np.int64)
     points = tuple(np.array(x) for x in np.broadcast_arrays(*(np.atleast_1d(x) for x in arguments)))
-    found = gradients(points, generic, np.arange(N_NUMBERS))
+    found = gradients(points, generic, asked)
     felt = np.any(found[..., len(arguments) :, :] != 0.0, axis=(*range(found.ndim - 2), -1))
-    return np.flatnonzero(moved & felt).astype(np.int64)
+    return asked[felt].astype(np.int64)
 
 
 def _moves(n: int, law: Law, active: np.ndarray) -> list[tuple[Any, Law]]:

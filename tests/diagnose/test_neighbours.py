@@ -108,7 +108,9 @@ def test_frames_of_a_body_remember() -> None:
     assert spread[2 * POINTS * 11] == pytest.approx(found.of_channel[0].rho) and spread[2 * POINTS * 10 + 1] == 0.0
     known, _ = body(noise=lambda v: v)
     apply = noise_of(known, found)
-    assert apply is not None and apply(one)[2 * POINTS * 10, 0] == pytest.approx(2.0)
+    assert apply is not None
+    spread = apply(one)[:, 0]
+    assert spread[2 * POINTS * 10] == pytest.approx(2.0) and spread[2 * POINTS * 11] == pytest.approx(found.of_channel[0].rho)
 
 
 def test_noise_that_is_declared_too_small() -> None:

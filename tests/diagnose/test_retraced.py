@@ -12,7 +12,7 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, HeatFit, Refit
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.refit import EXPONENTS
-from thermofit.diagnose.rescored import missed, rescored
+from thermofit.diagnose.rescored import hidden, missed, refitted, rescored
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.model import StageModel
@@ -127,6 +127,18 @@ def test_noise_that_frames_share_makes_a_refit_less_sure() -> None:
     noisy = replace(here, problem=replace(here.problem, model=replace(here.problem.model, noise=lambda v: 9.0 * v)))
     one, nine = (next(s for s in r.ranking.scores if s.effect == "clamp_drift") for r in (plain, rescored(noisy)))
     assert nine.z == pytest.approx(one.z / 3.0, rel=0.05) and nine.predicted_drop == pytest.approx(one.predicted_drop)
+
+
+def test_so_it_does_where_the_fall_of_the_squares_tells_the_score() -> None:
+    """From a start with the effect in it."""
+    here, _ = traces(1, **{"clamp_drift.rate": 0.03})
+    noisy = replace(here, problem=replace(here.problem, model=replace(here.problem.model, noise=lambda v: 9.0 * v)))
+    begin = TRUTH.replace(**{"clamp_drift.rate": 0.02}).with_free(FREE)
+    fit, score = warmed(here.case.model), hidden("clamp_drift")
+    one, nine = (refitted(h, (score,), fit, {}, begin) for h in (here, noisy))
+    assert one is not None and nine is not None and one.score.predicted_drop > 1e4
+    assert one.score.z == pytest.approx(np.sqrt(one.score.predicted_drop), rel=0.05)
+    assert nine.score.z == pytest.approx(one.score.z / 3.0, rel=0.05)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

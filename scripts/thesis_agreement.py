@@ -97,13 +97,13 @@ def passes(verify: Record, channel: str = "dtheta") -> tuple[bool, str]:
 
 
 def noise_or_not(record: Record, truth: Mapping[str, float]) -> Why:
-    """Whether the deviations from the virtual material are within what noise does, by the largest in standard errors."""
+    """Whether the intervals hold the deviations from the virtual material, by the largest in combined standard errors."""
     size, name = in_errors(record, truth)
     text = (
-        f"The largest deviation in standard errors is {size:.1f} ({name}), as noise makes it."
+        f"The largest deviation in combined standard errors is {size:.1f} ({name}): the intervals hold it."
         if size < 3.0
-        else f"{name} is off by {size:.0f} standard errors, which hold the noise only. The rest is not noise. The virtual material was "
-        "computed on another mesh and with other time steps than it is identified with."
+        else f"{name} is off by {size:.0f} combined standard errors: the intervals do not hold it. The virtual material was computed on "
+        "another mesh and with other time steps than it is identified with."
     )
     return Why(text, text)
 

@@ -203,8 +203,8 @@ def test_values_and_noise_decide_what_is_said_of_deviations(scripts: Any, tmp_pa
     record = searched(tmp_path, [{"kappa": 101.0, "beta": 1.0}])
     assert agreement.same_values("both", record, {"kappa": 100.0, "beta": 1.0}, 0.02).agrees
     found = agreement.same_values("both", record, {"kappa": 90.0, "beta": 1.0}, 0.02, agreement.noise_or_not(record, {"kappa": 90.0}))
-    assert not found.agrees and "(kappa)" in found.line and "is not noise" in found.line
-    assert "as noise makes it" in agreement.noise_or_not(record, {"kappa": 100.0}).agrees
+    assert not found.agrees and "(kappa)" in found.line and "do not hold it" in found.line
+    assert "the intervals hold it" in agreement.noise_or_not(record, {"kappa": 100.0}).agrees
 
 
 def test_every_search_is_foreseen_by_an_analysis_before_the_test(scripts: Any) -> None:

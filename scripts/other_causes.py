@@ -168,7 +168,7 @@ RUNS: dict[str, dict[str, float]] = {
     "hardening-sets-in": {"hardening-sets-in": 400.0},
     "yield-bump": {"yield-bump": 8.0},
     "modulus-saturates": {"modulus-saturates": 0.12},
-    "softening-squared": {"softening-squared": 0.0003},
+    "softening-squared": {"softening-squared": 0.0001},
     "dic-drifts": {"dic-drifts": 0.004},
     "rate and pulse": {"rate-by-arsinh": 5.0, "pulse-source": 0.25},
     "lamp pulse and camera step": {"lamp-pulse": 0.008, "camera-steps": 0.15},

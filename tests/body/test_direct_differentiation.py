@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from small_bodies import NOMINAL, SPECIMEN, bar_mesh
 from thermofit.body.body import Body, tension_body
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
+from thermofit.body.sensitivity.heat_rates import WARM, SourceSlopes, source_slopes
 from thermofit.body.sensitivity.march import Differentiator, LinearisedStep, PointStateRates, Rates, Sensitivities, StepEnds, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
@@ -147,6 +149,22 @@ def test_default_tolerance_is_enough_for_a_fit() -> None:
         assert np.all(error < tolerance), (field, dict(zip(BODY, error, strict=True)))
 
 
+def test_a_dissipation_that_feels_the_temperature_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of where it does not, the guess of theta' is left, since expansion alone moves no history."""
+
+    def sweeps() -> int:
+        return CASES[0].run(Sensitivities(("M_y0", "c0"), lambda n, at: None)).counts["sensitivity_sweeps"]
+
+    def warm(*given: Any) -> SourceSlopes:
+        slopes = source_slopes(*given)
+        slopes.dissipation[WARM] = 1e-9
+        return slopes
+
+    usual = sweeps()
+    monkeypatch.setattr("thermofit.body.sensitivity.march.source_slopes", warm)
+    assert sweeps() > 1.2 * usual
+
+
 STRONG_COUPLING = {
     "a twelfth": {"alpha_exp": 6e-5, "kappa": 500.0, "c0": 7.8, "beta": 3.0},
     "half": {"alpha_exp": 2.5e-4, "kappa": 1460.0, "c0": 11.5, "beta": 4.0},
@@ -275,14 +293,15 @@ def test_a_factor_of_another_state_costs_answers_and_no_digits(monkeypatch: pyte
     names = ("M_y0", "E", "kappa")
     case = Case("force", "full")
 
-    def columns() -> Collected:
+    def columns(tolerance: float = 1e-4) -> Collected:
         found = Collected()
-        case.run(Sensitivities(names, found.collect, tolerance=1e-4))
+        case.run(Sensitivities(names, found.collect, tolerance=tolerance))
         return found
 
-    exact, solve = columns(), LinearisedStep.solve
+    exact, usual, solve = columns(), columns(0.02), LinearisedStep.solve
     monkeypatch.setattr(LinearisedStep, "solve", lambda self, right: (0.35 if self.largest_increment > 0.0 else 1.0) * solve(self, right))
-    for field in FIELDS[:2]:
-        mended, wanted = columns().field(field), exact.field(field)
-        largest = np.abs(wanted).max(axis=tuple(range(wanted.ndim - 1)))
-        assert np.all(np.abs(mended - wanted) <= 1e-3 * largest)
+    mended, quick = columns(), columns(0.02)
+    for field, coarsely in (("u", 1e-2), ("theta", 8e-4)):
+        for found, wanted, share in ((mended, exact, 1e-3), (quick, usual, coarsely)):
+            a, b = found.field(field), wanted.field(field)
+            assert np.all(np.abs(a - b) <= share * np.abs(b).max(axis=tuple(range(b.ndim - 1))))

@@ -231,10 +231,12 @@ def dogbone() -> Body:
     return tension_body(dogbone_mesh(SPECIMEN, 1, 8, 1))
 
 
-def run(names: tuple[str, ...] = (), settings: MarchSettings = SETTINGS, **values: float) -> tuple[History, np.ndarray]:
+def run(
+    names: tuple[str, ...] = (), settings: MarchSettings = SETTINGS, tolerance: float = 1e-9, **values: float
+) -> tuple[History, np.ndarray]:
     """A run, and the derivatives (n_t, n_np, n_p) of its temperatures."""
     kept: list[np.ndarray] = []
-    asked = Sensitivities(names, lambda n, at: kept.append(np.array(at.theta)), tolerance=1e-9)
+    asked = Sensitivities(names, lambda n, at: kept.append(np.array(at.theta)), tolerance)
     history = march(dogbone(), BASE.replace(**values), FORCE, TIMES, settings, Watch(sensitivities=asked) if names else Watch())
     return history, np.array(kept)
 
@@ -328,9 +330,8 @@ USER = {
 }
 
 
-@pytest.mark.parametrize("slot", USER)
-def test_an_effect_of_a_user_acts_in_every_slot(slot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Off, on, and its derivative, as for those of the package."""
+def load_made_up(slot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, float]:
+    """Name and value of the parameter of an effect of a user, which is loaded for one test."""
     monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
     monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     rest, first, formula, probe = USER[slot]
@@ -342,11 +343,27 @@ def test_an_effect_of_a_user_acts_in_every_slot(slot: str, tmp_path: Path, monke
         f"def {slot}({first}, {rest}a):\n    return {formula}\n"
     )
     load_effect(path)
+    return name, probe
+
+
+@pytest.mark.parametrize("slot", USER)
+def test_an_effect_of_a_user_acts_in_every_slot(slot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Off, on, and its derivative, as for those of the package."""
+    name, probe = load_made_up(slot, tmp_path, monkeypatch)
     history, rates = run((name,), **{name: probe})
     ahead, back = (run(**{name: s * probe})[0].theta for s in (1.01, 0.99))
     expected = (ahead - back) / (0.02 * probe)
     assert np.abs(history.theta - run()[0].theta).max() > 1e-3
     assert np.abs(rates[..., 0] - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("slot", USER)
+def test_default_tolerance_is_enough_beside_an_effect_of_a_user(slot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A heat that feels the temperature asks for another sweep, where others leave its guess be."""
+    name, probe = load_made_up(slot, tmp_path, monkeypatch)
+    names = (name, "M_y0", "beta", "c0")
+    (_, exact), (_, quick) = (run(names, **how, **{name: probe}) for how in ({}, {"tolerance": Sensitivities.tolerance}))
+    assert np.all(np.abs(quick - exact).max(axis=(0, 1)) < 1e-3 * np.abs(exact).max(axis=(0, 1)))
 
 
 # Coefficients of films where they are held: no convection, ideal contact.

@@ -23,7 +23,7 @@ from thermofit.law.page_rates import HILL, LANES, STEP, SURFACE, Directions, mov
 from thermofit.law.surface.catalogue import NUMBERS as OF_SURFACE
 from thermofit.point.state import ALPHA, LAMBDA
 
-_ALPHA_N, _ALPHA, _D_LAMBDA, _ACCUMULATED, _WARM = range(5)
+_ALPHA_N, _ALPHA, _D_LAMBDA, _ACCUMULATED, WARM = range(5)
 """Arguments of the dissipation of an increment, in the order of their derivatives; the numbers of the law follow."""
 _released: Any = released_energy
 _thermoelastic: Any = thermoelastic_heat
@@ -149,7 +149,7 @@ def frozen_source_rates(
     increment, where they hold the state of effects that change the local update itself."""
     temperature, (theta_n, rates_n) = temperatures
     warm, warm_n = at_points(data, temperature[0]), at_points(data, theta_n)
-    dissipation = _dissipation_derivatives(increment, warm, law, range(_WARM, 5))
+    dissipation = _dissipation_derivatives(increment, warm, law, range(WARM, 5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     if ends is not None and law.structure:
         slopes = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.of_surface, law.on)
@@ -180,7 +180,7 @@ def _differentiate_dissipation(increment: Increment, theta: np.ndarray, argument
         for q in range(8):
             if increment.d_lambda[e, q] > 0.0:
                 alpha_n, alpha = complex(increment.alpha_n[e, q], h[_ALPHA_N]), complex(increment.alpha[e, q], h[_ALPHA])
-                d_lambda, warm = complex(increment.d_lambda[e, q], h[_D_LAMBDA]), complex(theta[e, q], h[_WARM])
+                d_lambda, warm = complex(increment.d_lambda[e, q], h[_D_LAMBDA]), complex(theta[e, q], h[WARM])
                 accumulated = complex(increment.accumulated[e, q], h[_ACCUMULATED])
                 out[e, q] = _released(alpha_n, alpha, d_lambda, accumulated, warm, law).imag / STEP
 
@@ -222,7 +222,7 @@ def _add_source_rates(
                 for a in range(8):
                     add_lanes(w, _POINT, data.shape[q, a], w, _THETA + a * LANES)
                 copy_lanes(w, _HEAT, zero, 0)
-                by_theta = c * (increment.g[e, q] - increment.g_n[e, q]) + dissipation[_WARM, e, q]
+                by_theta = c * (increment.g[e, q] - increment.g_n[e, q]) + dissipation[WARM, e, q]
                 add_lanes(w, _HEAT, volume * by_theta, w, _POINT)
                 add_lanes(w, _HEAT, by_c[q], c_rates, b)
                 if increment.d_lambda[e, q] > 0.0:

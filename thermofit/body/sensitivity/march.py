@@ -29,6 +29,7 @@ from thermofit.body.sensitivity.conduction_rates import (
     usual_change,
 )
 from thermofit.body.sensitivity.heat_rates import (
+    WARM,
     PointStateRates,
     SourceSlopes,
     add_dilatation_heat,
@@ -69,6 +70,10 @@ _WEAK = 0.05
 be left, by its fourth power: a sweep lessens it by the square at best."""
 _STRONG_SHARE = 0.02
 """Share of the tolerance where the ratio is `STRONG`, and both fields agree within each sweep but for what flow makes of it."""
+_UNFELT = 1250.0
+"""Square of the tolerance, times this, that theta' may be off its guess after a sweep where no history and no source feels it. A body that
+expands freely turns no point and shifts none on its yield surface, and the answers of a sweep know of its change of volume. They do so
+with the factor at hand: not where a sweep had to be mended more than once with it."""
 _LEFT = 1e-3
 """Relative disagreement of both fields, per tolerance, at which the answers of a sweep end there."""
 _BORROWED = 0.2
@@ -131,6 +136,7 @@ class Differentiator:
         self._rest_shift = self._load = np.zeros(self.m)
         self.sweeps = 0
         self.mended = False
+        self._mendings = 0
         self._exact_forces = False
         self._scale = self._held = self._top_rate = np.zeros(self.m)
         self._parameter_scale = np.ones(self.m)
@@ -181,6 +187,7 @@ class Differentiator:
         u, felt = self._mechanics(mechanics, start.points, theta), theta
         softens = self.along.warms or (mechanics.largest_increment > 0.0 and bool(np.any(self._response[:, BY_THETA])))
         slopes = source_slopes(self.body.data, (ends.before, ends.after), ends.theta, self._sources)
+        felt_inside = softens or self._feels(ends, slopes)
         for sweep in range(MAX_SWEEPS):
             self.sweeps += 1
             if sweep > 0 and softens:  # the answer below knows of expansion alone
@@ -192,7 +199,8 @@ class Differentiator:
                 found, felt = self._agreed(mechanics, ends, (u, dilatation), found, felt)
                 size = self._change(found, theta)
             theta = found
-            if np.all(size <= tolerance):
+            enough = tolerance if felt_inside or self._mendings > 1 else max(tolerance, _UNFELT * self.asked.tolerance**2)
+            if np.all(size <= enough):
                 self._clean = True
                 past = ((ends.step.length, start.theta), *start.past[:1])
                 return Rates(u, found, points, dilatation, self._top_rate, past)
@@ -200,6 +208,12 @@ class Differentiator:
         raise NumericsError(
             f"sensitivities: temperature and displacement still disagree after {MAX_SWEEPS} sweeps, most for {worst}; use smaller steps"
         )
+
+    def _feels(self, ends: StepEnds, slopes: SourceSlopes) -> bool:
+        """Whether the sources of a step feel theta' beside weak expansion."""
+        effects = ends.step.conditions.effects
+        heated = effects is not None and bool(effects.of("heat_source"))
+        return self._coupling > _WEAK or heated or bool(np.any(slopes.dissipation[WARM]))
 
     def _change(self, found: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Relative change (m,) of theta' (n_np, m); none where theta does not act on the mechanics."""
@@ -312,7 +326,7 @@ class Differentiator:
         forces = self._exact_forces = mechanics.kept or mechanics.largest_increment > 0.0
         if elastic:
             allowed *= _ELASTIC_SHARE
-        for _ in range(MENDINGS):
+        for self._mendings in range(MENDINGS):
             rates = (u, points_n, theta)
             update_rates(
                 body.data, mechanics.u, states, self.law, self.along, self._response, rates, points, dilatation, forces, self._loads

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from small_bodies import NOMINAL
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.held_exponents import in_doubt, spread_of, with_held_exponents
+from thermofit.diagnose.held_exponents import in_doubt, more_general, spread_of, with_held_exponents
+from thermofit.effects.catalogue import Effect, effect
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
 from thermofit.fit.result import FitResult
+from thermofit.law.page import law_of
 
 RATE = np.geomspace(1e-4, 1e-2, 300)
 NAMES = ("M_y0", "rate_power.K")
@@ -131,6 +134,53 @@ def test_where_their_columns_cannot_be_run_a_remark_says_that_they_count_as_exac
     found = with_held_exponents(closed(SimpleNamespace(linearised=fails)))
     assert found.remarks == ("rate_power.m, rate_power.reference count as exact: the run of their derivatives failed (no equilibrium)",)
     assert found.fit.sigma is not None and found.fit.sigma == pytest.approx(fitted()[0].sigma)
+
+
+CASE = make_dataclass("CASE", ["parameters", "model", "known"])
+SOFTENS = {"thermal_softening.slope": 1e-3, "softening_power.amount": 0.0, "softening_power.exponent": 1.7}
+
+
+def of_softening(known: tuple[Effect, ...] = (), model: Any = None) -> Any:
+    """A case whose yield stress falls in proportion to the temperature; of so few kelvins no power is asked for."""
+    return SimpleNamespace(parameters=NOMINAL.replace(**SOFTENS).with_free(NAMES[:1]), known=known, model=model)
+
+
+def test_a_softening_in_proportion_is_a_power_with_an_exponent_that_is_held() -> None:
+    """Where the test is not asked for the power; one per cent of the yield stress per 10 K is a tenth per 100 K."""
+    ((there, names),) = more_general(of_softening(), ("thermal_softening",))
+    assert names == ("softening_power.exponent",)
+    assert (there["thermal_softening.slope"], there["softening_power.exponent"]) == (0.0, 1.0)
+    assert there["softening_power.amount"] == pytest.approx(0.1, rel=1e-12)
+    law, own, other = law_of(there), effect("thermal_softening"), effect("softening_power")
+    for theta in (280.0, 293.15, 310.0):
+        before = own.act(0.05, 1e-3, theta, law, 1e-3, 293.15)
+        assert other.act(0.05, 1e-3, theta, law, there["softening_power.amount"], 1.0) == pytest.approx(before, rel=1e-9)
+
+
+@pytest.mark.parametrize("accepted", [("latent_heat",), ("rate_logarithmic",), ("second_hardening",), ()])
+def test_other_effects_have_no_such_exponent(accepted: tuple[str, ...]) -> None:
+    assert more_general(of_softening(), accepted) == []
+
+
+def test_a_power_that_the_test_is_asked_for_is_no_held_exponent() -> None:
+    assert more_general(of_softening((effect("softening_power"),)), ("thermal_softening",)) == []
+
+
+def test_the_loop_holds_what_another_power_would_change() -> None:
+    """Beside the exponents of what was accepted."""
+    asked = []
+
+    def linearised(parameters: Parameters, names: tuple[str, ...]) -> Any:
+        asked.append((parameters["softening_power.amount"], names))
+        return None, np.stack([RATE / RATE.max()] * len(names), axis=1)
+
+    one = closed(None, ("rate_power", "thermal_softening"))
+    softens = NOMINAL.replace(**SOFTENS, **{n: one.last.case.parameters[n] for n in (EXPONENT, "rate_power.reference")})
+    one.last.case = CASE(softens.with_free(NAMES), SimpleNamespace(linearised=linearised), ())
+    found = with_held_exponents(one)
+    assert asked == [(0.0, (EXPONENT, "rate_power.reference")), (pytest.approx(0.1), ("softening_power.exponent",))]
+    assert found.fit.sigma[0] > fitted()[0].sigma[0]  # type: ignore[index]
+    assert "softening_power.exponent = 1: held" in found.remarks[0]
 
 
 def test_the_whole_loop_asks_for_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,26 +5,40 @@ exact it would make parameters beside it look far better known than they are. Th
 extrapolates to, and hangs on the exponent by which it does. So before its data speak, a held exponent may be anywhere among the values
 that the loop tries: evenly, with a variance of a twelfth of the square of their range (JCGM 100, 4.3.7). What the data leave of that, and
 by how much they would move it, is in `widened.known_to`.
+
+A law without an exponent may be one with an exponent that is held as well. A softening in proportion to the temperature is a power of it
+with exponent one, and of some kelvins no other is asked for (`case.not_identifiable`). The yield stress beside it hangs on that too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import param
+from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case, tried_of
 from thermofit.diagnose.combined import with_wider
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.refit import VAGUE
 from thermofit.diagnose.trial import held_exponents
 from thermofit.diagnose.widened import known_to, most_widened, widened
+from thermofit.effects.catalogue import Effect, effect, effects
 from thermofit.fit.budget import EXPONENTS, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
+from thermofit.law.page import law_of
+
+_FLOWS = ((0.01, 1e-3), (0.1, 1e-2))
+"""Plastic strain and its rate in 1/s at which two laws are compared."""
+_WARMER = (-7.0, 11.0, 40.0)
+"""K above the reference, away from round temperatures."""
+_TINY = 1e-30
+"""Complex step."""
+_SAME = 1e-9
+"""Relative difference of two laws that say the same."""
 
 
 def with_held_exponents(closed: Closed) -> Closed:
@@ -32,18 +46,53 @@ def with_held_exponents(closed: Closed) -> Closed:
     Where the run of their columns fails, a remark says so."""
     here, fit = closed.last, closed.fit
     held = held_exponents(here) if closed.accepted else ()
-    if not held or fit.covariance is None or fit.jacobian is None:
+    at = [(here.case, held)] if held else []
+    at += [(replace(here.case, parameters=there), names) for there, names in more_general(here.case, closed.accepted)]
+    if not at or fit.covariance is None or fit.jacobian is None:
         return closed
+    every = {name: case for case, names in at for name in names}
     try:
-        columns = here.case.model.linearised(here.case.parameters, held)[1]
+        columns = np.concatenate([case.model.linearised(case.parameters, names)[1] for case, names in at], axis=1)
     except NumericsError as error:
         return replace(
-            closed, remarks=(*closed.remarks, f"{', '.join(held)} count as exact: the run of their derivatives failed ({error})")
+            closed, remarks=(*closed.remarks, f"{', '.join(every)} count as exact: the run of their derivatives failed ({error})")
         )
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
-    doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, here.case) for name in held]))
+    doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, case) for name, case in every.items()]))
     closed = with_wider(closed, EXPONENTS, doubtful)
-    return replace(closed, remarks=(*closed.remarks, *_in_words(held, here.case, fit, doubtful)))
+    return replace(closed, remarks=(*closed.remarks, *_in_words(every, fit, doubtful)))
+
+
+def more_general(case: Case, accepted: Sequence[str]) -> list[tuple[Parameters, tuple[str, ...]]]:
+    """Laws of a slot that are those of an accepted effect at neutral exponents, and that a test is not asked for, since it spans too few
+    kelvins: the parameters with each in the stead of the effect, and its exponents."""
+    found = []
+    for name in accepted:
+        own = effect(name)
+        if own.slot not in ("yield_stress", "yield_factor") or own.of_user or len(own.amplitudes) != 1:
+            continue
+        for other in effects((own.slot,)):
+            if other.span == 0.0 or other in case.known or other.name == name or len(other.amplitudes) != 1:
+                continue
+            if (ratio := _in_proportion(own, other, case)) is not None:
+                exponents = {q.name: q.neutral for q in other.exponents}
+                instead = {other.amplitude.name: ratio * case.parameters[own.amplitude.name], own.amplitude.name: own.amplitude.neutral}
+                found.append((case.parameters.replace(**exponents, **instead), tuple(exponents)))
+    return found
+
+
+def _in_proportion(own: Effect, other: Effect, case: Case) -> float | None:
+    """Amplitude of the other law over that of the accepted one where they say the same at neutral exponents; None where they do not."""
+    parameters, law = case.parameters, law_of(case.parameters)
+
+    def slopes(one: Effect) -> np.ndarray:
+        values = [parameters[q.name] if one is own else q.neutral for q in one.params]
+        moved = [complex(v, _TINY) if q == one.amplitude else v for v, q in zip(values, one.params, strict=True)]
+        return np.array([np.imag(one.act(*flow, parameters["theta_ref"] + warmer, law, *moved)) for flow in _FLOWS for warmer in _WARMER])
+
+    of_own, of_other = slopes(own), slopes(other)
+    ratio = float(of_other @ of_own) / max(float(of_other @ of_other), 1e-300)
+    return ratio if np.allclose(of_own, ratio * of_other, rtol=_SAME, atol=0.0) else None
 
 
 def spread_of(name: str, case: Case) -> float:
@@ -63,10 +112,10 @@ def in_doubt(fit: FitResult, model: LinearModel, columns: np.ndarray) -> FitResu
     return widened(fit, gone @ known @ gone.T)
 
 
-def _in_words(held: Sequence[str], case: Case, before: FitResult, after: FitResult) -> tuple[str, ...]:
+def _in_words(held: Mapping[str, Case], before: FitResult, after: FitResult) -> tuple[str, ...]:
     """Which intervals hang most on exponents that are held; nothing where none does in the two digits that are shown."""
     most = most_widened(before, after)
     if not most:
         return ()
-    values = ", ".join(f"{n} = {case.parameters[n]:.3g}" for n in held)
+    values = ", ".join(f"{n} = {case.parameters[n]:.3g}" for n, case in held.items())
     return (f"{values}: held, for the data do not determine it; intervals hold what another value would change, most of all {most}",)

@@ -26,6 +26,8 @@ AIM = 6.0
 """Hours of CPU time that the whole study is to stay below."""
 SURE = 0.95
 """One-sided confidence of the bound beside a share."""
+NINETY_FIVE = 1.96
+"""Standard errors that half of a 95 % interval has."""
 KINDS = {
     "point": "coupon records",
     "body": "full fields on a small body",
@@ -111,6 +113,32 @@ def bias(runs: Sequence[Run]) -> str:
     if not values:
         return left
     return f"{100 * float(np.median(values)):+.0f} %" + (f" in {len(values)}, {left}" if others else "")
+
+
+def held(runs: Sequence[Run]) -> tuple[int, int]:
+    """Of how many amplitudes of planted effects that were accepted in their own form the 95 % interval holds the planted value, and how many
+    have one."""
+    within: list[bool] = []
+    for r in runs:
+        for n in (n for n in names_of(r) if n in r.get("sigma", {}) and as_planted(r, n)):
+            p = effect(n).amplitude.name
+            within.append(abs(r["estimates"][n][p] - r["planted"][p]) <= NINETY_FIVE * r["sigma"][n])
+    return sum(within), len(within)
+
+
+def _intervals(runs: Sequence[Run]) -> list[str]:
+    """How often intervals of amplitudes hold the planted ones, by driver and amplitude."""
+    lines = []
+    for driver in dict.fromkeys(r["driver"] for r in runs):
+        for times in (10.0, 3.0):
+            part, whole = held([r for r in runs if r["driver"] == driver and r["times"] == times])
+            if whole:
+                low, high = (100.0 * v for v in binomtest(part, whole).proportion_ci(SURE, "exact"))
+                lines.append(
+                    f"* Amplitudes at {times:g} times, {KINDS[driver]}, planted effects that were accepted in their own form: the 95 % interval "
+                    f"holds the planted value in {part} of {whole}, {100.0 * part / whole:.0f} % ({low:.0f} to {high:.0f} %)."
+                )
+    return lines
 
 
 def as_planted(run: Run, name: str) -> bool:
@@ -242,6 +270,7 @@ def write(rows: list[Run], folder: Path, unplanted: Mapping[str, str]) -> None:
         "",
         *_nulls(planted),
         *_families(planted),
+        *_intervals(planted),
         walls(runs),
         "",
         *_summary(planted),

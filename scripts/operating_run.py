@@ -150,6 +150,7 @@ def _found(world: World, found: Closed, missing: Unlisted | None) -> dict[str, A
         "accepted": list(found.accepted),
         "families": {name: list(families.get(name, (name,))) for name in found.accepted},
         "estimates": {name: {p.name: last[p.name] for p in effect(name).params} for name in found.accepted},
+        "sigma": {name: sigma for name in found.accepted if (sigma := _error_of(found, name)) is not None},
         "dropped": list(found.dropped),
         "unjudged": list(found.unjudged),
         "unlisted": None if missing is None else missing.channel,
@@ -158,6 +159,15 @@ def _found(world: World, found: Closed, missing: Unlisted | None) -> dict[str, A
         "after": held_out(world, found.last),
         "settled": found.fit.converged,
     }
+
+
+def _error_of(found: Closed, name: str) -> float | None:
+    """Standard error of the amplitude of an accepted effect; None where the fit has none."""
+    own, fit = effect(name).amplitude.name, found.fit
+    if fit.sigma is None or own not in fit.names:
+        return None
+    sigma = float(fit.sigma[fit.names.index(own)])
+    return sigma if np.isfinite(sigma) else None
 
 
 def _where(missing: Unlisted | None) -> dict[str, Any]:

@@ -53,6 +53,13 @@ def test_bias_is_that_of_one_form_and_says_of_how_many(page: Any) -> None:
     assert page.bias([{**far, "estimates": {}}]) == "-"
 
 
+def test_intervals_are_counted_where_the_form_is_the_planted_one(page: Any) -> None:
+    """An amplitude of 1.2 is held by a standard error of 0.11 and not by one of 0.1; one without an error counts nowhere."""
+    near, far = found("rate_logarithmic", 1.2, reference=1e-4), found("rate_logarithmic", 14.0, reference=1e-2)
+    runs = [{**near, "sigma": {"rate_logarithmic": sigma}} for sigma in (0.11, 0.1)]
+    assert page.held([*runs, {**far, "sigma": {"rate_logarithmic": 9.0}}, near, {**near, "sigma": {}}]) == (1, 2)
+
+
 def kept(driver: str, kind: str, times: float, first: str | None, seed: int = 0, **more: Any) -> dict[str, Any]:
     """A run as it is kept, in which what came first was accepted at its planted amplitude."""
     return {

@@ -116,8 +116,8 @@ def bias(runs: Sequence[Run]) -> str:
 
 
 def held(runs: Sequence[Run]) -> tuple[int, int]:
-    """Of how many amplitudes of planted effects that were accepted in their own form the 95 % interval holds the planted value, and how many
-    have one."""
+    """How many amplitudes of planted effects that were accepted in their own form have a 95 % interval that holds the planted value, and
+    how many have one."""
     within: list[bool] = []
     for r in runs:
         for n in (n for n in names_of(r) if n in r.get("sigma", {}) and as_planted(r, n)):
@@ -135,8 +135,8 @@ def _intervals(runs: Sequence[Run]) -> list[str]:
             if whole:
                 low, high = (100.0 * v for v in binomtest(part, whole).proportion_ci(SURE, "exact"))
                 lines.append(
-                    f"* Amplitudes at {times:g} times, {KINDS[driver]}, planted effects that were accepted in their own form: the 95 % interval "
-                    f"holds the planted value in {part} of {whole}, {100.0 * part / whole:.0f} % ({low:.0f} to {high:.0f} %)."
+                    f"* Amplitudes at {times:g} times, {KINDS[driver]}, of planted effects that were accepted in their own form: the 95 % "
+                    f"interval holds the planted value in {part} of {whole}, {100.0 * part / whole:.0f} % ({low:.0f} to {high:.0f} %)."
                 )
     return lines
 

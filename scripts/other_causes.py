@@ -403,8 +403,10 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "known to 26 % and c0 to 7.5 %. Beside one spot these are known to 3.5 % and 0.08 %, and E is 3.4 of its errors off.",
         "The error of the force did not hold the times of its breaks. c0 of `warm-grip` (steel) was then 3.9 of its errors off, and",
         "alpha_clamp of `modulus and warm grip` (aluminium) 3.4. They are 0.5, with the mesh that knows the jaws, and 2.9.",
-        "`softening-squared` was planted with 0.004, 0.0015 and 0.0007 first, which the laboratory's specimen does not carry. Nor does it "
-        "carry 0.0003, so that nothing was asked of the loop there: these are the runs that failed.",
+        "`softening-squared` was planted with 0.004, 0.0015, 0.0007 and 0.0003 first, which the laboratory's specimen does not carry.",
+        "Nothing was asked of the loop there. With 0.0001 `thermal_softening` was named on aluminium, with M_y0 18 of its errors off,",
+        "0.3 %. Of ten kelvins no power is asked for, and intervals held none. They do since then. On steel, near its largest force, the",
+        "error of the mesh is larger than what is missing. A curve of hardening takes the softening there, with nu 12 and F 19 off.",
         "",
         "On `warm-grip` films were 6 of their errors off, at the noise and with exit 0. The source lies outside the window, and comes on",
         "in 10 s where the listed one took 2. Its onset is fitted since then.",

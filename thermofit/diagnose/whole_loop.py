@@ -37,9 +37,14 @@ def looped(study: Study, found: Prepared) -> Looped:
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
+    return Looped(found, with_all_errors(closed, missing, how), missing)
+
+
+def with_all_errors(closed: Closed, missing: Unlisted | None, how: str) -> Closed:
+    """The end of the loop with standard errors that hold, beside the noise, what the test prescribes and what the data do not tell."""
     for knowing in (with_stand_ins, with_combined, with_held_exponents):
         closed = knowing(closed)
     closed = with_other_forms(with_held_law(closed, missing), how)
     for knowing in (with_form_of_heat, with_pulled, with_slowest_rate):
         closed = knowing(closed)
-    return Looped(found, closed, missing)
+    return closed

@@ -135,8 +135,8 @@ def _intervals(runs: Sequence[Run]) -> list[str]:
             if whole:
                 low, high = (100.0 * v for v in binomtest(part, whole).proportion_ci(SURE, "exact"))
                 lines.append(
-                    f"* Amplitudes at {times:g} times, {KINDS[driver]}, effects accepted in the planted form: 95 % intervals hold {part} of {whole}, "
-                    f"{100.0 * part / whole:.0f} % ({low:.0f} to {high:.0f} %)."
+                    f"* Amplitudes at {times:g} times, {KINDS[driver]}, effects accepted in the planted form: 95 % intervals hold "
+                    f"{part} of {whole}, {100.0 * part / whole:.0f} % ({low:.0f} to {high:.0f} %)."
                 )
     return lines
 

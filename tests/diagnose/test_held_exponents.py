@@ -13,7 +13,7 @@ from small_bodies import NOMINAL
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.held_exponents import in_doubt, more_general, spread_of, with_held_exponents
-from thermofit.effects.catalogue import Effect, effect
+from thermofit.effects.catalogue import EFFECTS, Effect, effect
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.minimise import minimise
 from thermofit.fit.problem import Problem
@@ -160,6 +160,15 @@ def test_a_softening_in_proportion_is_a_power_with_an_exponent_that_is_held() ->
 @pytest.mark.parametrize("accepted", [("latent_heat",), ("rate_logarithmic",), ("second_hardening",), ()])
 def test_other_effects_have_no_such_exponent(accepted: tuple[str, ...]) -> None:
     assert more_general(of_softening(), accepted) == []
+
+
+@pytest.mark.parametrize(
+    "own",
+    [replace(effect("modulus_by_temperature"), name="made_up"), replace(effect("thermal_softening"), name="made_up", act=lambda *_: 1.0)],
+)
+def test_laws_of_other_slots_and_those_that_do_nothing_have_none(own: Effect, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(EFFECTS, "made_up", own)
+    assert more_general(of_softening(), ("made_up",)) == []
 
 
 def test_a_power_that_the_test_is_asked_for_is_no_held_exponent() -> None:

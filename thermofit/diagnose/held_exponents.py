@@ -30,13 +30,14 @@ from thermofit.fit.budget import EXPONENTS, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
+from thermofit.law.page_rates import STEP
 
+_OF_YIELD = ("yield_stress", "yield_factor")
+"""Slots whose laws are asked by plastic strain, its rate and temperature."""
 _FLOWS = ((0.01, 1e-3), (0.1, 1e-2))
 """Plastic strain and its rate in 1/s at which two laws are compared."""
 _WARMER = (-7.0, 11.0, 40.0)
 """K above the reference, away from round temperatures."""
-_TINY = 1e-30
-"""Complex step."""
 _SAME = 1e-9
 """Relative difference of two laws that say the same."""
 
@@ -69,30 +70,27 @@ def more_general(case: Case, accepted: Sequence[str]) -> list[tuple[Parameters, 
     found = []
     for name in accepted:
         own = effect(name)
-        if own.slot not in ("yield_stress", "yield_factor") or own.of_user or len(own.amplitudes) != 1:
-            continue
-        for other in effects((own.slot,)):
-            if other.span == 0.0 or other in case.known or other.name == name or len(other.amplitudes) != 1:
-                continue
-            if (ratio := _in_proportion(own, other, case)) is not None:
+        narrow = [e for e in effects((own.slot,)) if e.span > 0.0 and e not in case.known] if own.slot in _OF_YIELD else []
+        for other in narrow:
+            if ratio := _in_proportion(own, other, case):
                 exponents = {q.name: q.neutral for q in other.exponents}
                 instead = {other.amplitude.name: ratio * case.parameters[own.amplitude.name], own.amplitude.name: own.amplitude.neutral}
                 found.append((case.parameters.replace(**exponents, **instead), tuple(exponents)))
     return found
 
 
-def _in_proportion(own: Effect, other: Effect, case: Case) -> float | None:
-    """Amplitude of the other law over that of the accepted one where they say the same at neutral exponents; None where they do not."""
+def _in_proportion(own: Effect, other: Effect, case: Case) -> float:
+    """Amplitude of the other law over that of the accepted one where they say the same at neutral exponents; zero where they do not."""
     parameters, law = case.parameters, law_of(case.parameters)
 
     def slopes(one: Effect) -> np.ndarray:
         values = [parameters[q.name] if one is own else q.neutral for q in one.params]
-        moved = [complex(v, _TINY) if q == one.amplitude else v for v, q in zip(values, one.params, strict=True)]
+        moved = [complex(v, STEP) if q == one.amplitude else v for v, q in zip(values, one.params, strict=True)]
         return np.array([np.imag(one.act(*flow, parameters["theta_ref"] + warmer, law, *moved)) for flow in _FLOWS for warmer in _WARMER])
 
     of_own, of_other = slopes(own), slopes(other)
     ratio = float(of_other @ of_own) / max(float(of_other @ of_other), 1e-300)
-    return ratio if np.allclose(of_own, ratio * of_other, rtol=_SAME, atol=0.0) else None
+    return ratio if np.allclose(of_own, ratio * of_other, rtol=_SAME, atol=0.0) else 0.0
 
 
 def spread_of(name: str, case: Case) -> float:

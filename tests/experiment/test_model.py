@@ -16,6 +16,7 @@ from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import BASE, HEAT, HEATING, effects, load_effect
+from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.forward import MechanicalRun, Sampler, march_settings, sampler, specimen_body
 from thermofit.experiment.held import thermal_names
@@ -97,6 +98,28 @@ def test_channel_force_needs_a_displacement_that_drives(data: Measured, tmp_path
     case = study(tmp_path, "stages:\n  plastic: {free: [M_y0], channels: {force: {}}}\n")
     with pytest.raises(StudyError, match=r"force\.drives: crosshead"):
         model_of(case, data, "plastic")
+
+
+@pytest.mark.parametrize(
+    ("free", "channels", "told"),
+    [
+        ("E, nu", "{du: {}}", False),
+        ("E, M_y0, M_yinf", "{u: {}, du: {}}", False),
+        ("E, M_yinf", "{du: {}}", True),
+        ("nu, F", "{du: {}}", True),
+        ("E, M_y0", "{du: {}, force: {}}", True),
+    ],
+)
+def test_displacements_under_a_displacement_tell_no_stress(data: Measured, tmp_path: Path, free: str, channels: str, told: bool) -> None:
+    """All stresses could be twice as large, unless one of them is known or compared."""
+    case = study(tmp_path, f"force: {{drives: crosshead}}\nstages:\n  plastic: {{free: [{free}], channels: {channels}}}\n")
+    experiment = BodyExperiment(case, given=data)
+    settings = case.stage("plastic")
+    if told:
+        experiment.model(settings, Parameters.of(TRUTH, settings.free), SIZE)
+        return
+    with pytest.raises(StudyError, match=r"E is free where .*du alone are compared, but force\.drives is crosshead, .* add 'force: \{\}'"):
+        experiment.model(settings, Parameters.of(TRUTH, settings.free), SIZE)
 
 
 def test_one_way_and_full_coupling_of_the_thermal_stage_agree(data: Measured, tmp_path: Path) -> None:

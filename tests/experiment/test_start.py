@@ -10,6 +10,7 @@ from made_up import TRUTH, uniaxial_test
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import param
 from thermofit.core.slots import Slots
+from thermofit.experiment import start as start_module
 from thermofit.experiment.start import carries, feasible_start
 from thermofit.experiment.window import elastic_slope
 
@@ -85,3 +86,26 @@ def test_bounds_of_e_without_the_elastic_slope_are_refused(bounds: tuple[float, 
     with pytest.raises(StudyError, match="E would end at its bound"):
         feasible_start(own, data, free)
     assert feasible_start(own, data, TRUTH.with_free(("nu",)))[1] == ""
+
+
+def test_where_a_displacement_drives_a_start_far_off_the_curve_is_replaced() -> None:
+    """Too strong or too weak; one that is two per cent off is as good as the curve, and what is not free stays."""
+    data, driven = uniaxial_test(), study()
+    driven.force.drives = "dic"
+    for far in (TRUTH.replace(M_y0=1.3 * TRUTH["M_y0"], M_yinf=1.3 * TRUTH["M_yinf"]), TRUTH.replace(M_yinf=200.0, H_exp=5.0)):
+        found, remark = feasible_start(driven, data, far.with_free(PLASTIC))
+        assert "off the mean stress-stretch curve; used are M_y0 = " in remark
+        for name in PLASTIC:
+            assert found[name] == pytest.approx(TRUTH[name], rel=0.02), name
+    near = TRUTH.replace(M_y0=1.01 * TRUTH["M_y0"], M_yinf=1.01 * TRUTH["M_yinf"]).with_free(PLASTIC)
+    assert feasible_start(driven, data, near) == (near, "")
+    held = TRUTH.replace(M_y0=1.3 * TRUTH["M_y0"], M_yinf=1.3 * TRUTH["M_yinf"]).with_free(("F",))
+    assert feasible_start(driven, data, held) == (held, ""), "with the curve held, F comes no nearer to it"
+
+
+def test_a_test_that_hardly_flows_keeps_its_start_where_a_displacement_drives(monkeypatch: pytest.MonkeyPatch) -> None:
+    driven = study()
+    driven.force.drives = "crosshead"
+    monkeypatch.setattr(start_module, "_LEAST_STAGES", 10**6)
+    far = TRUTH.replace(M_yinf=200.0).with_free(PLASTIC)
+    assert feasible_start(driven, uniaxial_test(), far) == (far, "")

@@ -23,11 +23,11 @@ from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.experiment.known_motion import acting_on_temperatures
-from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
+from thermofit.fit.budget import EXCHANGED, EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
 from thermofit.identify.combined import taken_for_exact
 
-FORM = (EXPONENTS, HELD_LAW, FORM_OF_HEAT, OTHER_FORM, PULLED, SLOWER_RATES)
+FORM = (EXCHANGED, EXPONENTS, HELD_LAW, FORM_OF_HEAT, OTHER_FORM, PULLED, SLOWER_RATES)
 """Causes of doubt that lie in the form of what was added, and not in the data."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from thermofit.diagnose.combined import with_combined
+from thermofit.diagnose.exchanged import with_exchanged
 from thermofit.diagnose.heat_of_flow import with_form_of_heat
 from thermofit.diagnose.held_exponents import with_held_exponents
 from thermofit.diagnose.held_law import with_held_law
@@ -45,6 +46,6 @@ def with_all_errors(closed: Closed, missing: Unlisted | None, how: str) -> Close
     for knowing in (with_stand_ins, with_combined, with_held_exponents):
         closed = knowing(closed)
     closed = with_other_forms(with_held_law(closed, missing), how)
-    for knowing in (with_form_of_heat, with_pulled, with_slowest_rate):
+    for knowing in (with_form_of_heat, with_pulled, with_slowest_rate, with_exchanged):
         closed = knowing(closed)
     return closed

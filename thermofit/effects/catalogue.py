@@ -67,6 +67,9 @@ class Effect:
     records can; 0: it needs none."""
     last: bool = False
     """True for one that names nothing: it takes what no other effect explains."""
+    twin: Callable[[Parameters], dict[str, float]] | None = None
+    """New values, from those of all parameters, of its Params and of others that say the same with both exchanged; None where nothing else
+    is of its form."""
     of_user: bool = False
     """True where it stands in a file of the user's, not in the catalogue."""
 
@@ -152,7 +155,8 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     stored = bool(getattr(module, "STORED", False))
     span = float(getattr(module, "SPAN", 0.0))
     last = bool(getattr(module, "LAST", False))
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on, span=span, last=last)
+    twin = getattr(module, "twin", None)
+    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on, span=span, last=last, twin=twin)
 
 
 def load_effect(path: Path) -> Effect:

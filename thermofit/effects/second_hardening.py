@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.core.parameters import Param
+from thermofit.core.parameters import Param, Parameters
 
 SLOT = "yield_stress"
 PARAMS = (
@@ -21,3 +21,10 @@ STORED = True
 def yield_stress(accumulated: float, rate: float, theta: float, law: Any, Q: float, b: float) -> float:
     """Q (1 - exp(-b Lambda)), MPa."""
     return Q * (1.0 - np.exp(-b * accumulated))
+
+
+def twin(at: Parameters) -> dict[str, float]:
+    """The term of the base law of model 1, (M_yinf - M_y0) (1 - exp(-H_exp Lambda)), in the stead of this one."""
+    Q, b = at["second_hardening.Q"], at["second_hardening.b"]
+    base = at["M_yinf"] - at["M_y0"]
+    return {"second_hardening.Q": base, "second_hardening.b": at["H_exp"], "M_yinf": at["M_y0"] + Q, "H_exp": b}

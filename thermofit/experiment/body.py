@@ -31,7 +31,7 @@ from thermofit.experiment.forward import nodal_gauge
 from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.joint_errors import told
 from thermofit.experiment.known_effects import effects_of_data
-from thermofit.experiment.model import StageModel, needs_drive, stage_model
+from thermofit.experiment.model import StageModel, needs_drive, needs_stress, stage_model
 from thermofit.experiment.planned import planned, simulated
 from thermofit.experiment.prescribed import Moved, of_specimen
 from thermofit.experiment.priors import effect_priors, pose_bounds
@@ -191,8 +191,11 @@ class BodyExperiment:
         return other_starts(self.study, self.data, start)
 
     def model(self, settings: StageSettings, base: Parameters, size: MeshSize) -> StageModel:
-        """The finite element model of the stage on a mesh; where it has turned to its sections, the force is compared as well."""
+        """The finite element model of the stage on a mesh; where it has turned to its sections, the force is compared as well.
+
+        StudyError where nothing that is compared tells a stress."""
         settings = with_force_channel(settings) if self.turned else settings
+        needs_stress(self.study, settings)
         times = window_times(settings.window, self.data, self.data.steps["displacement"])
         return stage_model(self.study, self.data, settings, base, size, times)
 

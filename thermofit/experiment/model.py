@@ -208,6 +208,17 @@ def needs_drive(study: Study, channels: Iterable[str]) -> None:
         )
 
 
+def needs_stress(study: Study, settings: StageSettings) -> None:
+    """StudyError where a displacement drives, displacements alone are compared and no stress is known: E is free, and so is M_y0, or
+    nothing flows."""
+    free, fields = set(settings.free), {FIELDS[channel] for channel in settings.channels}
+    if study.force.drives != "force" and fields == {"u"} and "E" in free and ("M_y0" in free or free <= {"E", "nu"}):
+        raise StudyError(
+            f"{study.source.name}: E is free where {' and '.join(settings.channels)} alone are compared, but force.drives is "
+            f"{study.force.drives}, and displacements under a displacement tell no stress; add 'force: {{}}' to the channels of the stage"
+        )
+
+
 def stage_model(
     study: Study, data: Measured, settings: StageSettings, base: Parameters, size: MeshSize, times: tuple[float, float, str]
 ) -> StageModel:

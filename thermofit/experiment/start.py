@@ -3,6 +3,9 @@
 Under a prescribed force a set of parameters whose largest force lies below the measured one has no equilibrium at all. Such a
 start is replaced by the uniaxial closed form (loading along 2, r = sqrt(F + H)): M_22 = P_22 lambda_y, plastic stretches
 exp(r Lambda) along y and exp(-F Lambda / r) along x, M_22 = sigma_y(Lambda) / r with the curve of the hardening law.
+
+A displacement drives any law. From one that is far off the mean curve a fit may end in a valley of its own, where flow sits at other
+heights of the specimen than in the test: such a start is replaced as well.
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ _MARGIN = 1.005
 STRONGER = (1.002, 1.01, 1.04)
 """Factors of the yield stress that are tried in turn where a mesh carries a little less than another."""
 _RAISE = 1.005
+_OFF = 0.02
+"""Part of the stress by which a start may miss the mean curve (rms) where a displacement drives. The closed form is as good as that."""
 _BEYOND, _SURE = 1.25, 3.0
 """Factor, and standard errors, by which the elastic slope must lie beyond a bound of E before that is refused."""
 _LEAST_STAGES = 5
@@ -55,14 +60,19 @@ def carries(study: Study, data: Measured, parameters: Parameters) -> bool:
 
 
 def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tuple[Parameters, str]:
-    """The given start where it can carry the measured force; else its free plastic parameters read off the mean curve, and a remark.
+    """The given start where it can carry the measured force; else its free plastic parameters read off the mean curve, and a remark. Where
+    a displacement drives, the given start where it is near the mean curve, or that does not tell another one.
 
     NumericsError where the curve gives no usable start either, StudyError where E could only end at its bound.
     """
     _check_modulus(study, data, parameters)
     own = hardening(study.hardening_law)
     plastic = [name for name in (*own.fitted, "F") if name in parameters.free]
-    if not plastic or study.force.drives != "force" or carries(study, data, parameters):
+    if not plastic:
+        return parameters, ""
+    if study.force.drives != "force":
+        return _near_curve(study, data, parameters, plastic)
+    if carries(study, data, parameters):
         return parameters, ""
     found = _carrying(study, data, _read_off(study, data, parameters), [name for name in own.raises if name in plastic])
     if not carries(study, data, found):
@@ -72,6 +82,27 @@ def feasible_start(study: Study, data: Measured, parameters: Parameters) -> tupl
         )
     values = ", ".join(f"{name} = {found[name]:.4g}" for name in plastic)
     return found, Note(f"start values are too weak for the measured force; used are {values} from the mean stress-stretch curve")
+
+
+def _near_curve(study: Study, data: Measured, parameters: Parameters, plastic: Sequence[str]) -> tuple[Parameters, str]:
+    """The given start where it is near the mean curve, or the law does not come nearer; else what that says, and a remark."""
+    try:
+        found = _read_off(study, data, parameters)
+    except NumericsError:  # too little flow to tell a curve: any start is as good
+        return parameters, ""
+    off, left = (_miss(study, data, p) for p in (parameters, found))
+    if off <= max(_OFF, left):
+        return parameters, ""
+    values = ", ".join(f"{name} = {found[name]:.4g}" for name in plastic)
+    return found, Note(f"start values are {100.0 * off:.2g} % off the mean stress-stretch curve; used are {values} from that curve")
+
+
+def _miss(study: Study, data: Measured, parameters: Parameters) -> float:
+    """Part of the stress by which the law misses the mean curve, rms."""
+    along, _, mandel = _mean_curve(study, data, parameters)
+    r, _ = along_tension(in_model_axes(parameters, study.material_axes.angle, study.slots), study.slots)
+    said = hardening(study.hardening_law).curve(parameters, along / r) / r
+    return float(np.linalg.norm(said - mandel) / np.linalg.norm(mandel))
 
 
 def _check_modulus(study: Study, data: Measured, parameters: Parameters) -> None:
@@ -112,8 +143,9 @@ def _carrying(study: Study, data: Measured, found: Parameters, raised: Sequence[
     return found
 
 
-def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameters:
-    own = hardening(study.hardening_law)
+def _mean_curve(study: Study, data: Measured, parameters: Parameters) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Logarithmic plastic strain along and across the load, and Mandel stress MPa, (n,) each, of the stages in which the force grows.
+    NumericsError where there are too few."""
     observation, steps = displacement_of(data), data.steps["displacement"]
     force = np.interp(observation.time, steps.time, steps.force)
     stretch = [1.0 + mean_strain(observation, c) for c in (0, 1)]
@@ -123,9 +155,15 @@ def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameter
     if use.sum() < _LEAST_STAGES:
         raise NumericsError(
             f"start: only {int(use.sum())} stages lie on the plastic loading curve, {_LEAST_STAGES} are needed; raise "
-            f"parameters.{own.raises[0]}"
+            f"parameters.{hardening(study.hardening_law).raises[0]}"
         )
-    along, across, mandel = plastic[0][use], plastic[1][use], mandel[use]
+    return plastic[0][use], plastic[1][use], mandel[use]
+
+
+def _read_off(study: Study, data: Measured, parameters: Parameters) -> Parameters:
+    """The parameters with the free ones of the hardening law, and F, as the mean curve says. NumericsError where that is too short."""
+    own = hardening(study.hardening_law)
+    along, across, mandel = _mean_curve(study, data, parameters)
     if "F" in parameters.free:
         across_thickness = in_model_axes(parameters, study.material_axes.angle)["H"]
         share = float(np.clip(-(across @ along) / (along @ along), 0.05, 0.95))  # F/(F + H)

@@ -29,6 +29,8 @@ FORM_OF_HEAT = "form of the heat of flow"
 """What an added heat of plastic flow may be of another form over plastic strain."""
 OTHER_FORM = "another effect in its stead"
 """What an effect that the data do not tell from an added one would make of the parameters."""
+EXCHANGED = "exchange of equal forms"
+"""The same model with the values of an added effect and of a part of the base model that is of its form exchanged."""
 PULLED = "pull of temperatures"
 """How far temperatures pull parameters of the motion from where displacements have them, beside an added heat."""
 

@@ -13,7 +13,7 @@ from thermofit.experiment.discretisation import MESH, SHEET, STEPS, THEIRS, WITH
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
 from thermofit.experiment.priors import LANDMARKS, is_of_pose
-from thermofit.fit.budget import EXPONENTS, FORM_OF_HEAT, HELD_LAW, MISFIT, NOISE, OTHER_FORM, PULLED, SLOWER_RATES, Budget
+from thermofit.fit.budget import EXCHANGED, EXPONENTS, FORM_OF_HEAT, HELD_LAW, MISFIT, NOISE, OTHER_FORM, PULLED, SLOWER_RATES, Budget
 from thermofit.records.artefact import Dataset, Record, of_parameters
 
 ROOM = "uncertainty"
@@ -35,6 +35,7 @@ _HELP = {
     EXPONENTS: "a test over a wider range of what these exponents act on",
     HELD_LAW: "a hardening law that has the form of this material's",
     OTHER_FORM: "a test that tells the two effects apart, as the verdict names it",
+    EXCHANGED: "a reading of one of the two, or bounds that tell them apart",
     FORM_OF_HEAT: "a measurement of the stored energy by itself, or capacity and expansion from another one",
     PULLED: "displacements with less noise, or a heat effect that has the form of this material's",
     SLOWER_RATES: "a phase of the test in which the material flows more slowly",

@@ -1,10 +1,10 @@
-"""Extrapolation in time."""
+"""Extrapolation in time, or over a load that grows."""
 
 from __future__ import annotations
 
 import numpy as np
 
 
-def lagrange(times: list[float], t: float) -> list[float]:
-    """Weights of the polynomial through `times` at t."""
-    return [float(np.prod([(t - b) / (a - b) for b in times if b != a])) for a in times]
+def lagrange(places: list[float], at: float) -> list[float]:
+    """Weights of the polynomial through different `places` (times, loads)."""
+    return [float(np.prod([(at - b) / (a - b) for b in places if b != a])) for a in places]

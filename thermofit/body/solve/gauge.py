@@ -119,7 +119,7 @@ class _Between(Run):
         tried, open_before, there = start.load, wanted - before, start.u
         for _ in range(_MAX_SECANTS):
             theta = self.resting_temperature if one_way else theta
-            found = self._mechanics(u, theta, start, end, fresh, None if one_way else heat)
+            found = self._mechanics(u, theta, start, past, end, fresh, None if one_way else heat)
             left = wanted - float(self.between.elongation(found.u))
             if abs(left) <= _EXACT * self.length:
                 break

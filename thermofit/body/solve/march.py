@@ -7,6 +7,7 @@ heat equation, with the heat capacity of constant stress, on the deformation and
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
 
@@ -29,7 +30,7 @@ from thermofit.body.solve.linear import Factor
 from thermofit.body.solve.loading import Loading as Loading
 from thermofit.body.solve.loading import moving, solution_times
 from thermofit.body.solve.newton import Equilibrator, Equilibrium, axes_about_z, virgin_state
-from thermofit.body.solve.predictor import Passed, passed, predicted
+from thermofit.body.solve.predictor import Passed, onwards, passed, predicted
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters
 from thermofit.law.bounds import check_beta
@@ -181,8 +182,8 @@ class Run:
                 f"{self.cuts} bisections in {self.steps} steps to t = {t:.4g} s, expected one for every step and {self.settings.all_cuts} "
                 "besides at most: with these parameters there is hardly a solution; check them, the loads and the starts"
             )
-        middle, first = self.advance(start, (), 0.5 * (start.time + t), depth + 1)
-        end, second = self.advance(middle, (), t, depth + 1)
+        middle, first = self.advance(start, past, 0.5 * (start.time + t), depth + 1)
+        end, second = self.advance(middle, (passed(start), *past[:1]), t, depth + 1)
         return end, added(first, second)
 
     def _advice(self, start: State, t: float) -> str:
@@ -227,10 +228,10 @@ class Run:
             found = self._along_path(self.follower, theta, start, load, heat)
         elif self.settings.coupling == "one-way":
             theta = self.resting_temperature
-            found = self._mechanics(u, theta, start, load, fresh)
+            found = self._mechanics(u, theta, start, past, load, fresh)
             heat.solve(found.u, found.state, found.dilatation, start.theta)
         else:
-            found = self._mechanics(u, theta, start, load, fresh, heat)
+            found = self._mechanics(u, theta, start, past, load, fresh, heat)
         state, balance = heat.finish(found, load)
         if self.rates is None or start.rates is None:
             return state, balance
@@ -240,39 +241,54 @@ class Run:
         return replace(state, rates=rates), balance
 
     def _mechanics(
-        self, u: np.ndarray, theta: np.ndarray, start: State, load: float, fresh: bool, heat: HeatOfStep | None = None
+        self,
+        u: np.ndarray,
+        theta: np.ndarray,
+        start: State,
+        past: tuple[Passed, ...],
+        load: float,
+        fresh: bool,
+        heat: HeatOfStep | None = None,
     ) -> Equilibrium:
-        """Equilibrium from the guess u, where that leads nowhere from the start of the step, or from the elastic answer to the load.
-
-        The last helps where overstress relaxes as the load turns: the tangent is then that of flow, the answer elastic. Coupled if `heat`
-        is given.
-        """
+        """Equilibrium from the guess u, where that leads nowhere from those of `_guesses`. Coupled if `heat` is given."""
         thermal = None if heat is None else (heat, self.settings.coupling_tolerance)
         before = start.theta if heat is not None else theta
-        guesses = [] if fresh and u is start.u else ["given"]
-        guesses += ["start", "elastic"] if self.law.effective == 1 else ["start"]
-        for guess in guesses:
-            guessed, warm = (u, theta) if guess == "given" else (start.u, before)
+        tried = [(guess, before, True) for guess in self._guesses(start, past, before, load)]
+        if not (fresh and u is start.u):
+            tried.insert(0, (lambda: u, theta, fresh))
+        for number, (guess, warm, anew) in enumerate(tried, start=1):
             try:
-                if guess == "elastic":
-                    guessed = self._elastic_answer(start, before, load)
-                found = self.solver.solve(guessed, warm, start.points, load, fresh=fresh or guess != "given", thermal=thermal)
+                found = self.solver.solve(guess(), warm, start.points, load, fresh=anew, thermal=thermal)
                 break
             except NumericsError:
-                if guess == guesses[-1]:
+                if number == len(tried):
                     raise
         self.iterations += found.iterations
         return found
 
-    def _elastic_answer(self, start: State, theta: np.ndarray, load: float) -> np.ndarray:
-        """Displacement (n_np, 3) mm under the load if nothing flowed from the start of the step on."""
-        law = self.solver.law
-        self.solver.law = law._replace(plastic=0)
-        try:
-            return self.solver.solve(start.u, theta, start.points, load, fresh=True).u
-        finally:
-            self.solver.law = law
-            self.solver.forget()
+    def _guesses(self, start: State, past: tuple[Passed, ...], theta: np.ndarray, load: float) -> list[Callable[[], np.ndarray]]:
+        """Where equilibrium under a load is sought if an extrapolation leads nowhere: at the start of the step, or from the elastic answer
+        to the load. The last helps where overstress relaxes as the load turns: the tangent is then that of flow, the answer elastic.
+
+        A body whose end is displaced would leave the whole jump to its last layer of elements. It goes on as in the step before, where it
+        has moved in the same sense, or begins with the answer of the tangent."""
+
+        def answer() -> np.ndarray:
+            return self.solver.answer(start.u, theta, start.points, load - start.load)
+
+        def elastic() -> np.ndarray:
+            law = self.solver.law
+            self.solver.law = law._replace(plastic=0)
+            try:
+                return self.solver.solve(begin(), theta, start.points, load, fresh=True).u
+            finally:
+                self.solver.law = law
+                self.solver.forget()
+
+        begin = answer if self.body.top < 0 else lambda: start.u
+        goes_on = self.body.top < 0 and bool(past) and (start.load - past[0].load) * (load - start.load) > 0.0
+        along: list[Callable[[], np.ndarray]] = [lambda: onwards(start, past[0], load)] if goes_on else []
+        return [*along, begin, *([elastic] if self.law.effective == 1 else [])]
 
     def _along_path(self, follower: PathFollower, theta: np.ndarray, start: State, load: float, heat: HeatOfStep) -> Equilibrium:
         """Equilibrium at an arc length from the start of the step; both fields in turn until the temperature stands still."""

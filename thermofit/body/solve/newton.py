@@ -222,6 +222,20 @@ class Equilibrator:
             raise NumericsError("equilibrium: the converged state has no tangent")
         return self._factor, self._stiffness
 
+    def answer(self, u: np.ndarray, theta: np.ndarray, state_n: np.ndarray, change: float) -> np.ndarray:
+        """u (n_np, 3) after a displacement of the end by `change` mm, as the tangent K at an equilibrium answers to it,
+
+            du_f = -K_ff^-1 (r_f + K_fp change).
+
+        The factor is not kept. NumericsError where the state is not admissible."""
+        factor, stiffness = self.linearise(u, theta, state_n)
+        moved = np.where(self.body.equation == LOADED, change, 0.0)
+        forces = np.einsum("eij,ej->ei", stiffness, moved[self.body.mesh.hexes].reshape(len(stiffness), -1))
+        residual = np.zeros(self.body.n_equations)
+        gathered(self.body.element_equation, self._force + forces, residual)
+        self.forget()
+        return u + moved + self._nodal(factor.solve(-residual))
+
     def _allowed(self, scale: float) -> float:
         """Norm of the residual in N at which equilibrium is accepted."""
         return max(self.settings.tolerance * scale, self._round_off)

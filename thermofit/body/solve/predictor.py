@@ -30,8 +30,9 @@ def predicted(body: Body, start: State, past: tuple[Passed, ...], t: float, load
     """Extrapolated u and theta at time t, and whether a fresh tangent is needed.
 
     Quadratic in time through the last three states where the load went on in the same sense over all of them, linear through two. After a
-    change of the programme the state itself (and a fresh tangent); where the end is displaced, the whole body stretched evenly with it,
-    because the last layer of elements could not take the jump alone.
+    change of the programme the state itself (and a fresh tangent). Where the end is displaced, u is extrapolated over its displacement, and
+    after a change of the programme the whole body is stretched evenly: the end is where it has to be, and no jump of it is left to the last
+    layer of elements, which could not take it alone.
     """
     points = [passed(start)]
     rate = (load - start.load) / (t - start.time)
@@ -42,10 +43,17 @@ def predicted(body: Body, start: State, past: tuple[Passed, ...], t: float, load
         points.append(before)
     if len(points) == 1:
         return start.u if body.top >= 0 else _stretched(body, start.u, load - start.load), start.theta, True
-    weights = lagrange([p.time for p in points], t)
+    in_time = lagrange([p.time for p in points], t)
+    moved = body.top < 0 and load != start.load
+    weights = lagrange([p.load for p in points], load) if moved else in_time
     u = sum((w * p.u for w, p in zip(weights, points, strict=True)), np.zeros_like(start.u))
-    theta = sum((w * p.theta for w, p in zip(weights, points, strict=True)), np.zeros_like(start.theta))
+    theta = sum((w * p.theta for w, p in zip(in_time, points, strict=True)), np.zeros_like(start.theta))
     return u, theta, False
+
+
+def onwards(start: State, before: Passed, load: float) -> np.ndarray:
+    """u (n_np, 3) where the whole body goes on as in the step before, as far as a displacement of the end by `load` asks for."""
+    return start.u + (load - start.load) / (start.load - before.load) * (start.u - before.u)
 
 
 def _stretched(body: Body, u: np.ndarray, elongation: float) -> np.ndarray:

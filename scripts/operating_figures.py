@@ -53,7 +53,7 @@ DRIVERS = {
     "point": Driver(
         1_600_000,
         300,
-        {3.0: 16, 10.0: 6, 1.0: 6},
+        {3.0: 16, 10.0: 24, 1.0: 6},
         (
             *("second_hardening", "rate_logarithmic", "rate_power", "thermal_softening", "softening_power", "yield_plateau"),
             *("stored_energy", "backstress_first", "backstress_second", "elastic_degradation", "linear_hardening", "tension_compression"),

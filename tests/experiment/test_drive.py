@@ -138,3 +138,26 @@ def test_below_the_threshold_a_law_that_lacks_something_misses_more_than_the_spe
     g, rate = 0.3, 12.0  # Considere's curvature is that of Voce's curve
     voce = 100.0 + 200.0 * -np.expm1(-rate * STRAIN)
     assert headroom(voce, g) == pytest.approx(g**2 / (2.0 * (1.0 + 0.5 * g) * (1.0 + 0.5 * g + rate)), rel=0.1)
+
+
+@pytest.mark.parametrize("every", [4, 5])
+def test_where_stages_are_rare_those_before_the_last_tenth_tell_the_growth(every: int) -> None:
+    """Two or three stages in the last tenth of the elongation; four tell as well how the force grows."""
+    data = pulled(0.3)
+    assert data.stretched is not None
+    kept = np.arange(len(data.stretched.time) - 1, -1, -every)[::-1]
+    own = data.stretched
+    rare = replace(data, stretched=replace(own, time=own.time[kept], elongation=own.elongation[kept], force_error=own.force_error[kept]))
+    assert np.sum(rare.stretched.elongation >= 0.9 * rare.stretched.elongation[-1]) < 4  # type: ignore[union-attr]
+    found, all_of_them = last_growth(rare), last_growth(data)
+    assert found is not None and all_of_them is not None and growth(0.3) < found < growth(0.5 * 0.3)
+    assert "falls" in near_maximum(rare)
+
+
+def test_stages_of_the_first_half_say_nothing_of_the_end() -> None:
+    data = pulled(0.3)
+    assert data.stretched is not None
+    own, n = data.stretched, len(data.stretched.time)
+    kept = np.array([0, 1, 12, 18, n - 2, n - 1])
+    rare = replace(data, stretched=replace(own, time=own.time[kept], elongation=own.elongation[kept], force_error=own.force_error[kept]))
+    assert last_growth(rare) is None

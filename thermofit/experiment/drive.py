@@ -39,6 +39,9 @@ _LAST = 0.9
 _FLOWS = 0.9
 """Share of the largest force so far above which the specimen flows."""
 _LEAST = 4
+"""Stages from which a growth is told: where they are rare, those before that share as well."""
+_EARLIEST = 0.5
+"""Share of the largest elongation before which a stage says nothing of the end."""
 
 _T = TypeVar("_T")
 
@@ -56,8 +59,9 @@ def last_growth(data: Measured) -> float | None:
         if phase.label in ("elastic", "loading"):
             pulled |= (data.stretched.time > phase.t0) & (data.stretched.time <= phase.t1)
     flows = force >= _FLOWS * np.maximum.accumulate(np.maximum(force, 1e-300))
-    here = pulled & flows & (np.arange(len(e)) <= end) & (e >= _LAST * e[end])
-    if here.sum() < _LEAST:
+    flowing = np.flatnonzero(pulled & flows & (np.arange(len(e)) <= end))
+    here = flowing[max(0, min(len(flowing) - _LEAST, int(np.searchsorted(e[flowing], _LAST * e[end])))) :]
+    if len(here) < _LEAST or e[here[0]] < _EARLIEST * e[end]:
         return None
     return float(np.polyfit(np.log(high - low + e[here]), np.log(force[here]), 1)[0])
 

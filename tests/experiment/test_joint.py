@@ -17,7 +17,7 @@ from thermofit.effects.catalogue import BASE, HEATING, KINEMATICS, LOAD, effect,
 from thermofit.experiment.fields import TestPhase
 from thermofit.experiment.instruments import JointPrediction
 from thermofit.experiment.joint import THERMOCOUPLE, Joint, joint_free, joint_settings, station_names
-from thermofit.experiment.known_effects import effects_of_fields
+from thermofit.experiment.known_effects import effects_of_data, effects_of_fields
 from thermofit.experiment.model import stage_model
 from thermofit.experiment.residuals import Span
 from thermofit.fit.linear_model import LinearModel
@@ -72,6 +72,17 @@ def test_without_an_infrared_camera_no_effect_of_heat_is_asked() -> None:
     asked = {e.name for e in effects_of_fields(infrared=False)}
     assert not asked & {e.name for e in effects(HEATING)} and "stored_energy" in {e.name for e in effects_of_fields(infrared=True)}
     assert {"dic_tilt", "thermal_softening"} <= asked and "heating_profile" not in asked
+
+
+@pytest.mark.parametrize(("least", "asked"), [(0.0, False), (-0.2, False), (-0.3, True), (-1.0, True)])
+def test_tension_and_compression_are_told_apart_where_the_load_turns(least: float, asked: bool) -> None:
+    """By a quarter of the largest load, of one test or of one of several; pushed and pulled a little is the same the other way round."""
+    for sense in (1.0, -1.0):
+        steps = data().steps["all"]
+        force = sense * np.interp(np.arange(len(steps.force)), [0, 1, len(steps.force) - 1], [0.0, 1000.0, 1000.0 * least])
+        there = replace(data(), steps={**data().steps, "all": replace(steps, force=force)})
+        assert ("tension_compression" in {e.name for e in effects_of_data(there, "hill")}) is asked
+    assert "tension_compression" in {e.name for e in effects_of_fields(infrared=True)}
 
 
 @pytest.mark.parametrize("values", [{}, ALL_ON], ids=["off", "on"])

@@ -24,7 +24,7 @@ from thermofit.experiment.drive import SECTIONS, with_force_channel
 from thermofit.experiment.fields import start_parameters
 from thermofit.experiment.joint import Joint, JointParts, diagnosis_mesh, joint_free, joint_settings
 from thermofit.experiment.joint_errors import told
-from thermofit.experiment.known_effects import effects_of_data, effects_of_fields
+from thermofit.experiment.known_effects import effects_of_data, effects_of_fields, load_turns
 from thermofit.experiment.model import Prior, StageModel, needs_drive
 from thermofit.experiment.prescribed import Moved, of_test
 from thermofit.experiment.priors import effect_priors, pose_bounds
@@ -324,6 +324,7 @@ class SeveralExperiments:
             displacements=any(test.data.displacement is not None for test in self.tests),
             infrared=any(test.data.temperature is not None for test in self.tests),
             yields=self.study.yield_surface,
+            turns=any(load_turns(test.data) for test in self.tests),
         ):
             if e.amplitude.name not in self.own:
                 out.append(e)

@@ -232,7 +232,9 @@ def test_what_drifts_is_no_step(monkeypatch: pytest.MonkeyPatch, kind: str) -> N
     """A lamp and a camera's offset may jump; jaws, the scale of cameras and a gradient over an image do not."""
     here: Any = SimpleNamespace(rows=None, split=None)
     hat: Any = SimpleNamespace(kind=kind)
-    monkeypatch.setattr(module, "field_of", lambda *_: "hats")
+    monkeypatch.setattr(module, "likeliest", lambda *_: 1.0)
+    monkeypatch.setattr(module, "field_of", lambda *_: SimpleNamespace(after=None, proof=None))
+    monkeypatch.setattr(module, "replace", lambda *_, **__: "hats")
     monkeypatch.setattr(module, "in_steps", lambda *_: "steps")
     monkeypatch.setattr(module, "better", lambda *_: False)
     assert cast(Any, over_time(cast(Any, None), hat, here)) == ("steps" if kind in ("offset", "flux") else "hats")

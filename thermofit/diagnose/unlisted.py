@@ -560,9 +560,13 @@ def told_beside(
 
 
 def over_time(known: LinearModel, hat: Basis, here: Traced) -> MissingField:
-    """Field of a basis of one place of a body: steps, unless held-out data ask for hats; hats of what drifts, beside which parameters are
-    known no better than beside any history."""
-    smooth = field_of(known, hat, here.rows, here.split)
+    """Field of a basis of one place of a body: steps, unless held-out data ask for hats; hats of what drifts.
+
+    Held-out data judge hats by the history that predicts hidden frames best. That is smoother than what is missing, and the parameters
+    would take the rest. What is told is the likeliest history, with the parameters beside it."""
+    judged = field_of(known, hat, here.rows, here.split)
+    told = field_of(known, hat, here.rows, here.split, likeliest(known, hat))
+    smooth = replace(told, after=judged.after, proof=judged.proof)
     steps = None if KINDS[hat.kind].drifts else in_steps(known, hat, here.rows, here.split)
     return smooth if steps is None or better(steps, smooth, here.rows, here.split) else steps
 

@@ -209,7 +209,7 @@ one-sided 95 % interval (Clopper and Pearson): the upper one (<=) of what should
 that of runs whose accepted effect has its other parameters near the planted ones; in another form the same test has another amplitude.
 The sensor of the coupon records has a lag of 0.6 s that the fit knows and frees. Two lags in series commute. A planted lag that is longer
 is therefore found as that of the sensor, and 0.6 s as the effect's. A second term of Voce may be found in the stead of the first. Intervals
-hold both values since these runs were counted ([diagnosis.md](diagnosis.md)).
+hold both values ([diagnosis.md](diagnosis.md)).
 """
 LEFT_OUT = """## What the runs leave out
 

@@ -13,9 +13,10 @@ from test_gauge import dogbone
 from thermofit.body.body import LOADED, tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.solve.gauge import GaugeLoading, march_between
-from thermofit.body.solve.march import Loading, MarchSettings, march
+from thermofit.body.solve.march import Balance, Loading, MarchSettings, Run, march
 from thermofit.body.solve.newton import Equilibrator, NewtonSettings, virgin_state
 from thermofit.body.solve.predictor import Passed, onwards, predicted
+from thermofit.core.errors import NumericsError
 from thermofit.law.page import law_of
 
 SHAPE = np.random.default_rng(4).normal(size=(dogbone()[0].mesh.n_nodes, 3))
@@ -28,7 +29,7 @@ END = 0.3 * np.maximum(TIME - 3.0, 0.0) + 0.003 * np.random.default_rng(1).norma
 
 
 def at(load: float, time: float) -> Any:
-    return SimpleNamespace(time=time, load=load, u=load * SHAPE + load**2, theta=np.full(len(SHAPE), 290.0 + time))
+    return SimpleNamespace(time=time, load=load, u=load * SHAPE + load**2, theta=np.full(len(SHAPE), 290.0 + time), points=None)
 
 
 @pytest.mark.parametrize("number", [2, 3])
@@ -80,3 +81,49 @@ def test_a_body_that_hardly_hardens_goes_on_without_bisections(sections: bool) -
         counts = march(body, FLAT, Loading(TIME, END, "displacement", from_rest=True), TIME, MarchSettings()).counts
     assert counts["bisections"] <= 2, counts
     assert counts["factorisations"] <= 4 * len(TIME), counts
+
+
+def test_halves_of_a_step_remember_what_was_before() -> None:
+    """A step of 1 s that fails is halved: its first half knows the states before it, its second half the first one's start and one more."""
+    asked: list[tuple[float, float, list[float]]] = []
+
+    def step(start: Any, past: tuple[Passed, ...], t: float) -> tuple[Any, Balance]:
+        asked.append((start.time, t, [p.time for p in past]))
+        if t - start.time > 0.6:
+            raise NumericsError("too long")
+        return at(t, t), Balance(0.0, 0.0, 0.0, {}, 0.0, 0.0)
+
+    run: Any = Run.__new__(Run)
+    run._step, run.settings, run.cuts, run.steps = step, MarchSettings(), 0, 1
+    run.solver = SimpleNamespace(forget=lambda: None)
+    before = tuple(Passed(s.time, s.load, s.u, s.theta) for s in (at(0.9, 3.0), at(0.7, 2.0)))
+    state, _ = run.advance(at(1.0, 4.0), before, 5.0, 0)
+    assert state.time == 5.0 and run.cuts == 1
+    assert asked == [(4.0, 5.0, [3.0, 2.0]), (4.0, 4.5, [3.0, 2.0]), (4.5, 5.0, [4.0, 3.0])]
+
+
+def guesses(top: int, before: tuple[Any, ...], load: float, effective: int = 0) -> list[np.ndarray]:
+    """Where equilibrium under a load is sought in turn from a state of load 1; the answer of the tangent is 7 everywhere, and the solver
+    finds twice its guess."""
+    run: Any = Run.__new__(Run)
+    law = SimpleNamespace(effective=effective, _replace=lambda **_: "elastic")
+    run.body, run.law = SimpleNamespace(top=top), law
+    run.solver = SimpleNamespace(
+        law=law, answer=lambda u, *_: 7.0 + 0.0 * u, solve=lambda u, *_, **__: SimpleNamespace(u=2.0 * u), forget=lambda: None
+    )
+    past = tuple(Passed(s.time, s.load, s.u, s.theta) for s in before)
+    found = [make() for make in run._guesses(at(1.0, 4.0), past, np.zeros(1), load)]
+    assert run.solver.law is law
+    return found
+
+
+def test_a_displaced_end_is_followed_then_answered_and_a_force_begins_at_rest() -> None:
+    start, before = at(1.0, 4.0), at(0.7, 3.0)
+    answer = np.full_like(start.u, 7.0)
+    along, second = guesses(-1, (before,), 1.3)
+    assert along == pytest.approx(start.u + (start.u - before.u)) and np.array_equal(second, answer)
+    for alone in (guesses(-1, (before,), 0.8), guesses(-1, (), 1.3)):
+        assert len(alone) == 1 and np.array_equal(alone[0], answer), "the end has turned, or nothing was before"
+    assert np.array_equal(guesses(-1, (), 1.3, effective=1)[1], 2.0 * answer), "the elastic answer begins at that of the tangent"
+    for number, found in enumerate(guesses(0, (before,), 1.3, effective=1), start=1):
+        assert np.array_equal(found, number * start.u), "under a force at the start, then from the elastic answer"

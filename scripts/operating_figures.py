@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import operating_page
+from operating_page import OF_TIMES
 from operating_run import run_one, sources
 
 from thermofit.effects.catalogue import effects
@@ -31,8 +32,8 @@ ORDER = (0.0, 3.0, PAIRED, 10.0, 1.0)
 """Amplitudes in the order in which they are run: what is hardly detectable comes last."""
 KNOCKED = "knocked"
 """Runs whose planted effect is not in the catalogue, nor is what is like it."""
-OF_KIND, OF_TIMES = 1000, 100
-"""Between the seeds of two kinds of runs, and of two amplitudes of a kind."""
+OF_KIND = 1000
+"""Between the seeds of two kinds of runs; `OF_TIMES` between those of two amplitudes of a kind."""
 
 
 @dataclass(frozen=True)

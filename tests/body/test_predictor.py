@@ -72,7 +72,8 @@ def test_the_answer_of_the_tangent_is_that_of_equilibrium_to_second_order() -> N
 
 @pytest.mark.parametrize("sections", [False, True])
 def test_a_body_that_hardly_hardens_goes_on_without_bisections(sections: bool) -> None:
-    """Beyond its knee every step begins close to where it ends; each of them was bisected where its last layer had to take a jump."""
+    """Of 15 steps two at most are bisected. Where the last layer had to take a jump, 12 were under the end's motion and 5 under that of
+    sections, with 342 and 158 factorisations."""
     body = tension_body(dogbone_mesh(SPECIMEN, 2, 12, 1), control="displacement")
     if sections:
         loading = GaugeLoading(TIME, 0.5 * END, "displacement", True, gauge=dogbone()[1])

@@ -227,15 +227,22 @@ def test_where_no_part_of_a_step_can_be_run_the_term_stays_at_the_optimum(monkey
     assert said == "the term is that at the optimum without it: beside it the run failed (no equilibrium at 111.818)"
 
 
+@dataclass(frozen=True)
+class Hats:
+    """A field of hats, as far as a choice between these and steps looks at it."""
+
+    after: Any
+    proof: Any
+
+
 @pytest.mark.parametrize("kind", ["jaws", "jaw_upper", "gradient", "strain", "scale", "offset", "flux"])
 def test_what_drifts_is_no_step(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     """A lamp and a camera's offset may jump; jaws, the scale of cameras and a gradient over an image do not."""
     here: Any = SimpleNamespace(rows=None, split=None)
     hat: Any = SimpleNamespace(kind=kind)
     monkeypatch.setattr(module, "likeliest", lambda *_: 1.0)
-    monkeypatch.setattr(module, "field_of", lambda *_: SimpleNamespace(after=None, proof=None))
-    monkeypatch.setattr(module, "replace", lambda *_, **__: "hats")
+    monkeypatch.setattr(module, "field_of", lambda *_: Hats(None, None))
     monkeypatch.setattr(module, "in_steps", lambda *_: "steps")
     monkeypatch.setattr(module, "better", lambda *_: False)
-    assert cast(Any, over_time(cast(Any, None), hat, here)) == ("steps" if kind in ("offset", "flux") else "hats")
+    assert cast(Any, over_time(cast(Any, None), hat, here)) == ("steps" if kind in ("offset", "flux") else Hats(None, None))
     assert KINDS[kind].drifts is (kind not in ("offset", "flux"))

@@ -76,7 +76,7 @@ def test_without_an_infrared_camera_no_effect_of_heat_is_asked() -> None:
 
 @pytest.mark.parametrize(("least", "asked"), [(0.0, False), (-0.2, False), (-0.3, True), (-1.0, True)])
 def test_tension_and_compression_are_told_apart_where_the_load_turns(least: float, asked: bool) -> None:
-    """By a quarter of the largest load, of one test or of one of several; pushed and pulled a little is the same the other way round."""
+    """By a quarter of the largest load; pushed and pulled a little is the same the other way round."""
     for sense in (1.0, -1.0):
         steps = data().steps["all"]
         force = sense * np.interp(np.arange(len(steps.force)), [0, 1, len(steps.force) - 1], [0.0, 1000.0, 1000.0 * least])

@@ -106,6 +106,7 @@ def test_channel_force_needs_a_displacement_that_drives(data: Measured, tmp_path
         ("E, nu", "{du: {}}", False),
         ("E, M_y0, M_yinf", "{u: {}, du: {}}", False),
         ("E, M_yinf", "{du: {}}", True),
+        ("E, M_y0", "{du: {}}", True),
         ("nu, F", "{du: {}}", True),
         ("E, M_y0", "{du: {}, force: {}}", True),
     ],

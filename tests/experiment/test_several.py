@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -201,6 +202,15 @@ def test_effects_of_boundary_and_instruments_are_those_of_one_test() -> None:
     assert not {"ir_drift", "rate_logarithmic@first", "lamp"} & set(known)
     assert known["lamp@second"].names == ("lamp.absorbed@second", "lamp.start@second", "lamp.onset@second")
     assert effect("lamp@second").amplitude.unit == "mW/mm^2"
+
+
+def test_one_test_whose_load_turns_tells_tension_from_compression_for_all() -> None:
+    first, second = data().tests
+    steps = second.data.steps["all"]
+    pushed = replace(second.data, steps={**second.data.steps, "all": replace(steps, force=-steps.force + 0.5 * steps.force.max())})
+    several = replace(data(), given=(first, replace(second, given=pushed)))
+    assert "tension_compression" in {e.name for e in several.known()}
+    assert "tension_compression" not in {e.name for e in data().known()}
 
 
 def test_rows_of_two_tests_keep_apart() -> None:

@@ -31,7 +31,7 @@ from thermofit.fit.result import FitResult
 
 def with_exchanged(closed: Closed) -> Closed:
     """The loop's result with standard errors that know of the same model with the values of an added effect and of what is of its form
-    exchanged, and a remark; the same where there is none. Where its run fails it is no model of the test."""
+    exchanged, and a remark; the same where there is none. Where its run fails, a remark says so."""
     for e in map(effect, closed.accepted):
         fit, case = closed.fit, closed.last.case
         there = exchanged(case, e, fit)
@@ -39,7 +39,9 @@ def with_exchanged(closed: Closed) -> Closed:
             continue
         try:
             p = likelihood(fit, case.model.residual(there))
-        except NumericsError:
+        except NumericsError as error:
+            words = f"whether {e.name} may be exchanged with what is of its form is not known: the run for it failed ({error})"
+            closed = replace(closed, remarks=(*closed.remarks, words))
             continue
         apart = np.sqrt(p) * (there.with_free(fit.names).vector() - case.parameters.with_free(fit.names).vector())
         wider = widened(fit, np.outer(apart, apart))

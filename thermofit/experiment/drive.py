@@ -60,7 +60,8 @@ def last_growth(data: Measured) -> float | None:
             pulled |= (data.stretched.time > phase.t0) & (data.stretched.time <= phase.t1)
     flows = force >= _FLOWS * np.maximum.accumulate(np.maximum(force, 1e-300))
     flowing = np.flatnonzero(pulled & flows & (np.arange(len(e)) <= end))
-    here = flowing[max(0, min(len(flowing) - _LEAST, int(np.searchsorted(e[flowing], _LAST * e[end])))) :]
+    late = flowing[e[flowing] >= _LAST * e[end]]
+    here = late if len(late) >= _LEAST else flowing[-_LEAST:]
     if len(here) < _LEAST or e[here[0]] < _EARLIEST * e[end]:
         return None
     return float(np.polyfit(np.log(high - low + e[here]), np.log(force[here]), 1)[0])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.core.errors import StudyError
-from thermofit.core.parameters import Parameters, bare_name
+from thermofit.core.parameters import Parameters, bare_name, param
 from thermofit.experiment.channels import FIELDS, comparisons_of, field_of
 from thermofit.experiment.fields import LoadSteps, Measured, displacement_of, temperature_of
 from thermofit.experiment.forward import march_settings, run_of, sampler
@@ -17,6 +17,7 @@ from thermofit.experiment.instruments import Instruments, JointPrediction, looks
 from thermofit.experiment.missing import Missing
 from thermofit.experiment.prediction import Errors, Linearise, PlainPrediction
 from thermofit.experiment.shared_noise import SharedNoise
+from thermofit.law.hardening.catalogue import hardening
 from thermofit.observe.comparison import Comparison
 from thermofit.observe.observation import FieldObservation
 from thermofit.study.section import MeshSize
@@ -209,10 +210,12 @@ def needs_drive(study: Study, channels: Iterable[str]) -> None:
 
 
 def needs_stress(study: Study, settings: StageSettings) -> None:
-    """StudyError where a displacement drives, displacements alone are compared and no stress is known: E is free, and so is M_y0, or
-    nothing flows."""
+    """StudyError where a displacement drives, displacements alone are compared and no stress is known: E is free, and so are all stresses
+    of the hardening law, or nothing flows."""
     free, fields = set(settings.free), {FIELDS[channel] for channel in settings.channels}
-    if study.force.drives != "force" and fields == {"u"} and "E" in free and ("M_y0" in free or free <= {"E", "nu"}):
+    stresses = {name for name in hardening(study.hardening_law).fitted if param(name).unit == "MPa"}
+    unknown = "E" in free and (free >= stresses or free <= {"E", "nu"})
+    if study.force.drives != "force" and fields == {"u"} and unknown:
         raise StudyError(
             f"{study.source.name}: E is free where {' and '.join(settings.channels)} alone are compared, but force.drives is "
             f"{study.force.drives}, and displacements under a displacement tell no stress; add 'force: {{}}' to the channels of the stage"

@@ -4,8 +4,8 @@ Under a prescribed force a set of parameters whose largest force lies below the 
 start is replaced by the uniaxial closed form (loading along 2, r = sqrt(F + H)): M_22 = P_22 lambda_y, plastic stretches
 exp(r Lambda) along y and exp(-F Lambda / r) along x, M_22 = sigma_y(Lambda) / r with the curve of the hardening law.
 
-A displacement drives any law. From one that is far off the mean curve a fit may end in a valley of its own, where flow sits at other
-heights of the specimen than in the test: such a start is replaced as well.
+A displacement drives any law. From one that is far off the mean curve a fit may end in a valley of its own: such a start is replaced as
+well.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ STRONGER = (1.002, 1.01, 1.04)
 """Factors of the yield stress that are tried in turn where a mesh carries a little less than another."""
 _RAISE = 1.005
 _OFF = 0.02
-"""Part of the stress by which a start may miss the mean curve (rms) where a displacement drives. The closed form is as good as that."""
+"""Part of the stress by which a start may miss the mean curve (rms) where a displacement drives; by judgement. `softening-squared` of steel
+was in view (docs/other-causes.md)."""
 _BEYOND, _SURE = 1.25, 3.0
 """Factor, and standard errors, by which the elastic slope must lie beyond a bound of E before that is refused."""
 _LEAST_STAGES = 5

@@ -84,15 +84,22 @@ def test_something_unlisted_without_a_place_says_over_which_state_and_beside_wha
 
 
 @pytest.mark.parametrize("failed", ["", "no run there"])
-def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(failed: str) -> None:
+@pytest.mark.parametrize("offset", [0.0, 0.7])
+def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(failed: str, offset: float) -> None:
     rows = {} if failed else {"kappa": {"value": 131.23, "sigma": 4.2, "unit": "mW/(mm K)", "joint_fit": 98.76}}
     said = {
         **{"channel": "dtheta", "best_listed": None, "resembles": [], "beside": [], "kind": "heat source", "where": {"y_mm": 3.0}},
         **{"when_s": [1.0, 2.0], "phases": ["cooling"], "unit": "mW", "amount": {"value": 1.234, "sigma": 0.4}, "hints": []},
-        **{"before": {"held_out": {}}, "after": {"held_out": {}}, "parameters": {"values": rows, "failed": failed}},
+        **{
+            "before": {"held_out": {}},
+            "after": {"held_out": {}},
+            "parameters": {"values": rows, "failed": failed, "second": {"jaws": 0.02, "offset": offset}},
+        },
     }
     out = StringIO()
     unlisted_lines(Console(file=out, width=140), said)
     shown = " ".join(out.getvalue().split())
     assert "1.234 +- 0.4" in shown
     assert ("! no run there" in shown) if failed else ("131.2 +- 4" in shown and "98.76" in shown)
+    second = "+- holds that there may be another history beside it: an offset of the infrared camera (70 %)"
+    assert (second in shown) == ("+- holds" in shown) == (offset > 0.0 and not failed) and "jaws" not in shown

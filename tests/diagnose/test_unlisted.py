@@ -86,6 +86,7 @@ def test_a_heat_through_the_free_surface_is_told_as_such(tmp_path: Path, power: 
     study = cast(Study, SimpleNamespace(name="strip", run_dir=tmp_path / "run"))
     said = described(study, here, found, beside)
     assert said is not None and said["where"] == {"surface": "all"} and said["unit"] == "mW/mm^2" and said["energy_mJ"] is None
+    assert beside.second and set(beside.second) == {"offset"} and said["parameters"]["second"] == beside.second
     assert "the same everywhere from" in in_words(said) and f"mW/mm^2 at {said['steps'][0]['time_s']:.4g} s" in in_words(said)
     module = _loaded(Path(said["effect_file"]))
     shown = module.surface_flux(np.full(2, 300.0), 0.5 * sum(when), np.full(2, 297.0), 1.0)

@@ -13,8 +13,9 @@ from strip import numerical, strip_case
 
 from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import alike_basis, alike_beside, over_time, settled
+from thermofit.diagnose.unlisted import alike_basis, alike_beside, histories, over_time, settled
 from thermofit.diagnose.unlisted_field import MissingField, field_of
+from thermofit.diagnose.unlisted_second import second_histories
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_steps import in_steps, of_steps
 from thermofit.diagnose.unlisted_structure import Structure, structures
@@ -129,7 +130,7 @@ def test_intervals_hold_what_an_error_moves_beside_the_term(found: tuple[Traced,
     term, parameters, _ = settled(here, structure, begin)
     doubt = 0.3 * np.random.default_rng(5).normal(size=len(here.rows.time)).cumsum() / 20.0
     case = replace(here.case, parameters=parameters, doubts={"mesh": doubt})
-    missing: Any = SimpleNamespace(field=term, settled=True, case=case, parameters=parameters)
+    missing: Any = SimpleNamespace(field=term, structure=structure, settled=True, case=case, parameters=parameters)
     told = beside_source(here, missing)
     assert told is not None
     known = beside_term(LinearModel(*case.model.linearised(parameters, parameters.free)), case, parameters, term)
@@ -137,5 +138,9 @@ def test_intervals_hold_what_an_error_moves_beside_the_term(found: tuple[Traced,
     ends = [field_of(replace(known, residual=known.residual + e), hat, here.rows, here.split, term.weight).step for e in (0.0, doubt)]
     moved = (ends[1] - ends[0]) / np.sqrt(3.0)
     assert np.all(np.abs(moved) > term.uncertainty)
-    for n, sigma, move in zip(parameters.free, term.uncertainty, moved, strict=True):
+    second = second_histories(known, term, histories(case, structure, term))
+    assert set(second.likelihood) == {"offset"} and told.second == second.likelihood
+    wider = np.sqrt(term.uncertainty**2 + np.diag(second.covariance))
+    assert np.any(wider > 1.01 * term.uncertainty)
+    for n, sigma, move in zip(parameters.free, wider, moved, strict=True):
         assert told.sigma[n] == pytest.approx(np.hypot(sigma, move), rel=1e-3), n

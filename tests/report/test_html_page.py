@@ -244,12 +244,15 @@ def test_phases_of_both_models_stand_side_by_side(run: Path) -> None:
 
 def test_parameters_beside_an_unlisted_heat_are_on_the_page(tmp_path: Path) -> None:
     values = {"kappa": {"value": 141.5, "sigma": 2.5, "unit": "mW/(mm K)", "joint_fit": 97.25}}
-    unlisted = {"channel": "dtheta", "where": None, "when_s": None, "excess_share": 0.1, "parameters": {"values": values, "failed": ""}}
+    unlisted = {"channel": "dtheta", "where": None, "when_s": None, "excess_share": 0.1, "parameters": None}
+    beside = {"values": values, "failed": "", "second": {"jaws": 0.6, "offset": 0.01}}
     told, failed, alone = (tmp_path / name for name in ("told", "failed", "alone"))
-    made.whole_run(told, unlisted=unlisted, trustworthy=False)
+    made.whole_run(told, unlisted={**unlisted, "parameters": beside}, trustworthy=False)
     _, page, _ = page_of(told)
+    second = "+- holds that there may be another history beside it: a change of the temperature of the jaws (60 %)"
+    assert second in page.texts["p"]
     assert "Parameters beside it" in page.texts["h3"] and {"141.5", "2.5", "97.25"} <= set(page.texts["td"]) and page.wrong == []
-    made.whole_run(failed, unlisted={**unlisted, "parameters": {"values": {}, "failed": "a run failed"}}, trustworthy=False)
+    made.whole_run(failed, unlisted={**unlisted, "parameters": {"values": {}, "failed": "a run failed", "second": {}}}, trustworthy=False)
     _, page, _ = page_of(failed)
     assert "a run failed" in page.texts["p"] and "141.5" not in page.texts["td"]
     made.whole_run(alone, unlisted={**unlisted, "parameters": None}, trustworthy=False)

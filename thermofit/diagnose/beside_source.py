@@ -4,13 +4,14 @@ A joint fit spreads a heat that nobody lists over all parameters: they end many 
 unlisted heat two things are told instead. Parameters that temperatures do not feel are those of the displacements alone. The others are
 those beside a broad source (`protected`); how little is known of that source is part of their standard errors. Beside a term that is the
 same everywhere, or one spot that leaves nothing else, they are those fitted with it. Standard errors hold what the test prescribes, what
-may be left of the errors of mesh and steps, and what the loop holds of the law that it has added (`FORM`).
+may be left of the errors of mesh and steps, and what the loop holds of the law that it has added (`FORM`). Beside one history, or one
+spot, they hold other kinds of histories that may be there as well (`unlisted_second`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,8 +20,9 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot
+from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, histories
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
+from thermofit.diagnose.unlisted_second import second_histories
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import EXCHANGED, EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
@@ -52,6 +54,8 @@ class BesideSource:
     """The one spot beside which they were fitted; None where they were beside something else."""
     no_spot: str = ""
     """Why they are not told beside one spot, where the unlisted heat has a place."""
+    second: Mapping[str, float] = field(default_factory=dict)
+    """How likely each other kind of history is beside the one that is told, or beside the spot: standard errors hold them."""
 
 
 def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
@@ -72,14 +76,14 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     if missing.field.basis.grid.places == 1:
         if not missing.settled:
             return BesideSource({}, {}, UNSETTLED)
-        return beside_one_place(missing.case or case, missing.parameters, missing.field)
+        return beside_one_place(missing.case or case, missing)
     if case.heated is None or case.model.segments is not None:
         return None
     try:
         moved = on_its_motion(here)
         spot, no_spot = as_spot(moved, missing)
         if spot is not None and spot.field is not None:
-            return replace(beside_one_place(spot.case or case, spot.parameters, spot.field), spot=spot_of(spot.field))
+            return replace(beside_one_place(spot.case or case, spot), spot=spot_of(spot.field))
         fit = case.heated(moved.case.parameters)
         found = None if fit is None else protected_at(moved, fit)
         if fit is None or found is None:
@@ -109,16 +113,22 @@ def spot_of(term: MissingField) -> Spot:
     return Spot(float(term.basis.grid.y[0]), term.basis.grid.spread if fitted else None)
 
 
-def beside_one_place(case: Case, parameters: Parameters, term: MissingField) -> BesideSource:
+def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:
     """The parameters that were fitted with a term over time that is the same everywhere, or one spot."""
+    parameters, term = missing.parameters, missing.field
+    assert term is not None, "they were fitted with it"
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)
         errors = _errors(case, parameters, columns)
+        known = beside_term(LinearModel(residual, columns), case, parameters, term)
+        others = histories(replace(case, parameters=parameters), missing.structure, term)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
-    known = beside_term(LinearModel(residual, columns), case, parameters, term)
-    sigma = _together(term.uncertainty, moves_beside(known, term, errors))
-    return BesideSource({n: parameters[n] for n in parameters.free}, dict(zip(parameters.free, sigma, strict=True)))
+    second = second_histories(known, term, others)
+    noise = np.sqrt(term.uncertainty**2 + np.diag(second.covariance))
+    sigma = _together(noise, moves_beside(known, term, errors))
+    values = {n: parameters[n] for n in parameters.free}
+    return BesideSource(values, dict(zip(parameters.free, sigma, strict=True)), second=second.likelihood)
 
 
 def _errors(case: Case, parameters: Parameters, columns: np.ndarray) -> np.ndarray:

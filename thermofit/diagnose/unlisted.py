@@ -369,6 +369,16 @@ def camera_bases(here: Traced, structure: Structure) -> list[Basis]:
     return [alike_basis(here, structure, kind) for kind in missing.of_instruments.get(seen, ())]
 
 
+def histories(case: Case, structure: Structure, term: MissingField) -> dict[str, Basis]:
+    """The hats over all times of every other kind of history that a channel may have beside a term, where the parameters of a case are.
+    NumericsError where a run fails."""
+    missing = case.model.missing
+    assert missing is not None, "the term has a kind"
+    seen = observed_field(structure.blocks.channel)
+    kinds = [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k != term.basis.kind]
+    return {kind: _every_hat(case, structure, kind, missing.grid(kind, COUNTS[kind])) for kind in kinds}
+
+
 def alike_basis(here: Traced, structure: Structure, kind: str) -> Basis:
     """The hats over all times of a term that is the same everywhere, about the middle that it has beside the fitted parameters."""
     missing = here.case.model.missing

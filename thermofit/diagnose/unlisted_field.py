@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, lstsq
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, lstsq
 
 from thermofit.diagnose.held_out import Proof, Rows, Split, compared
 from thermofit.experiment.missing import Grid
@@ -132,31 +132,29 @@ def likeliest(known: LinearModel, basis: Basis) -> float:
 
     It says how large the term is that the data hold, where held-out blocks say how well it is interpolated.
     """
-    system = _System(known, basis)
-    unit = float(np.trace(system.gram[system.p :, system.p :]) / np.trace(system.rough))
-    n, m, square = len(known.residual) - system.p, len(system.rough), known.f
+    system = System(known, basis)
+    return min(system.weights, key=lambda weight: system.unlikely(weight) - len(system.rough) * float(np.log(weight)))
 
-    def wanted(weight: float) -> float:
-        whole, scale = _scaled(system.gram, system.rough, weight, system.p)
-        try:
-            factor = cho_factor(whole)
-        except LinAlgError:  # so little held that rounding decides: another weight is likelier
-            return np.inf
-        left = square - float((scale * system.right) @ cho_solve(factor, scale * system.right))
-        det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
-        return n * float(np.log(max(left, 1e-300))) + det - m * float(np.log(weight))
 
-    return min((weight * unit for weight in WEIGHTS), key=wanted)
+def likelihoods(known: LinearModel, basis: Basis) -> tuple[tuple[float, ...], np.ndarray]:
+    """lambda that are tried, and what the logarithm of the restricted likelihood gains by the term with each (k,) over none,
+
+        ln L = ((n - p) ln S_0 + ln det J^T J - (n - p) ln S - ln det [G + lambda R] + ln det lambda R) / 2,   S_0 = min |r + J x|^2;
+
+    -inf where rounding decides. R holds all coefficients."""
+    system = System(known, basis)
+    of_rough = 2.0 * float(np.sum(np.log(np.diag(cholesky(system.rough)))))
+    wanted = [system.unlikely(weight) - len(system.rough) * float(np.log(weight)) for weight in system.weights]
+    return system.weights, 0.5 * (system.unlikely(np.inf) - np.array(wanted) + of_rough)
 
 
 def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight: float | None = None) -> MissingField:
     """The field that predicts held-out data best, beside the fitted parameters without their bounds; `weight`: the one of that lambda."""
-    system = _System(known, basis)
+    system = System(known, basis)
     folds = [(held, *system.without(hidden)) for held, hidden in split.folds]
     before = replace(known, bounds=None).predicted(split.folds)
-    unit = float(np.trace(system.gram[system.p :, system.p :]) / np.trace(system.rough))
     best: tuple[float, float, np.ndarray] | None = None
-    for tried in [unit * w for w in WEIGHTS] if weight is None else [weight]:
+    for tried in system.weights if weight is None else [weight]:
         after = _predicted(system, folds, tried)
         error = float(np.nanmean(after[basis.rows] ** 2))
         if best is None or error < best[0]:
@@ -217,7 +215,7 @@ def moves_beside(known: LinearModel, term: MissingField, errors: np.ndarray) -> 
     """What errors (n, k) of the residual make of the fitted parameters (p, k) beside a term with its lambda; `known`: the linear model of
     the parameters where they are."""
     fitted = term.basis if term.solved is None else term.solved
-    system = _System(known, fitted)
+    system = System(known, fitted)
     whole, scale = _scaled(system.gram, system.rough, term.weight, system.p)
     right = np.concatenate([system.fitted.T @ errors, fitted.columns.T @ errors[fitted.rows]])
     step = -scale[:, None] * (np.linalg.pinv(whole, rcond=_RANK, hermitian=True) @ (scale[:, None] * right))
@@ -236,8 +234,8 @@ def believed(field: MissingField) -> bool:
     return field.proof.gain > max(SURE * field.proof.sigma, PRACTICAL)
 
 
-class _System:
-    """Normal equations of fitted parameters (scaled to columns of length one) and hats."""
+class System:
+    """Normal equations of fitted parameters (scaled to columns of length one) and hats, G = [J B]^T [J B]."""
 
     def __init__(self, known: LinearModel, basis: Basis) -> None:
         self.residual, self.fitted, self.size = known.residual, known.unit, known.size
@@ -256,13 +254,41 @@ class _System:
         gram, right = self._normal(hidden, hidden[self.basis.rows])
         return self.gram - gram, self.right - right
 
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """lambda that are tried."""
+        unit = float(np.trace(self.gram[self.p :, self.p :]) / np.trace(self.rough))
+        return tuple(weight * unit for weight in WEIGHTS)
+
+    def unlikely(self, weight: float) -> float:
+        """(n - p) log S + log det [G + lambda R] of all unknowns, of the parameters alone where lambda is infinite; infinite where rounding
+        decides."""
+        hats = len(self.rough) if np.isfinite(weight) else 0
+        own = slice(self.p + hats)
+        whole, scale = _scaled(self.gram[own, own], self.rough[:hats, :hats], weight, self.p)
+        right = scale * self.right[own]
+        try:
+            factor = cho_factor(whole)
+        except LinAlgError:  # so little held that rounding decides: another weight is likelier
+            return np.inf
+        left = float(self.residual @ self.residual) - float(right @ cho_solve(factor, right))
+        det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
+        return (len(self.residual) - self.p) * float(np.log(max(left, 1e-300))) + det
+
+    def solved(self, weight: float) -> tuple[np.ndarray, np.ndarray]:
+        """Step (p,) of the parameters beside hats with lambda, and their covariance (p, p), the block of (G + lambda R)^-1."""
+        step = _step((self.gram, self.right), self.rough, weight, self.p)[: self.p]
+        whole, scale = _scaled(self.gram, self.rough, weight, self.p)
+        inverse = np.linalg.pinv(whole, rcond=_RANK, hermitian=True) * scale[:, None] * scale[None, :]
+        return step / self.size, inverse[: self.p, : self.p] / np.outer(self.size, self.size)
+
 
 Normal = tuple[np.ndarray, np.ndarray]
 """Normal matrix and right-hand side."""
 Fold = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def _predicted(system: _System, folds: list[Fold], weight: float) -> np.ndarray:
+def _predicted(system: System, folds: list[Fold], weight: float) -> np.ndarray:
     """Held-out residual (n,) with the field at that lambda; nan in rows that no fold holds out."""
     out, p = np.full(len(system.residual), np.nan), system.p
     inside = np.full(len(system.residual), -1)

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from thermofit.experiment.missing import KINDS
+
 _BALANCES = {"force": "force through sections", "heat": "heat of pieces"}
 _WHERE = {
     "inside": "something is missing inside the observed field",
     "outside": "what is left comes from outside the observed field",
     "none": "nothing is missing there",
 }
+LIKELY = 0.05
+"""Likelihood from which another history beside an unlisted one is worth a word."""
 _ALIKE = 4
 """Drifts that are alike and are named."""
 
@@ -50,6 +54,15 @@ def _value(value: float, sigma: float | None) -> str:
 def with_article(kind: str) -> str:
     """The kind of a term with its article."""
     return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
+def second_in_words(likelihood: Mapping[str, float]) -> str:
+    """Which other kinds of histories standard errors hold, from how likely each is beside the one that is told; empty where none is."""
+    likely = {kind: p for kind, p in sorted(likelihood.items(), key=lambda one: -one[1]) if p >= LIKELY}
+    if not likely:
+        return ""
+    kinds = ", ".join(f"{with_article(KINDS[kind].words)} ({100.0 * p:.0f} %)" for kind, p in likely.items())
+    return f"+- holds that there may be another history beside it: {kinds}"
 
 
 def steps_in_words(said: Mapping[str, Any]) -> str:

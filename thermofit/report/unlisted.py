@@ -95,13 +95,14 @@ def _balance(found: Unlisted, local: Mapping[str, Any] | None) -> str:
 
 def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | None:
     """Parameters beside an unlisted heat, and as the joint fit has them, and the one spot that this was taken for (null: it was not, and
-    `no_spot` says why; `spread_mm` null: it is less than the mesh shows); None where that is not asked."""
+    `no_spot` says why; `spread_mm` null: it is less than the mesh shows). `second`: how likely each other kind of history is beside the one
+    that is told. None where that is not asked."""
     if beside is None:
         return None
     fitted = here.case.parameters
     rows = {n: {"value": v, "sigma": beside.sigma[n], "unit": param(n).unit, "joint_fit": fitted[n]} for n, v in beside.value.items()}
     spot = None if beside.spot is None else {"y_mm": beside.spot.y, "spread_mm": beside.spot.spread}
-    return {"values": rows, "failed": beside.failed, "spot": spot, "no_spot": beside.no_spot}
+    return {"values": rows, "failed": beside.failed, "spot": spot, "no_spot": beside.no_spot, "second": dict(beside.second)}
 
 
 def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[str, Any]:

@@ -1,0 +1,63 @@
+"""Histories of another kind that may be there beside one that is told: what they would make of the fitted parameters.
+
+A lamp may burn while a camera jumps. One history over time then takes most of both, and the parameters the rest. Mesh and steps leave as
+much, so that no likelihood tells the two apart. Beside a history (or one spot) B q every other kind k that the channel may have, B_k q_k,
+is therefore weighed, and none of them too:
+
+    p_k = L_k / (1 + sum_j L_j),   L_k the largest restricted likelihood with k over that without.
+
+Values stay what they are. With d_k how far they would move beside k, and C_k and C their covariance with it and without, they are off by
+
+    E = sum_k p_k (C_k - C + d_k d_k^T),
+
+mean square: that of a mixture of models about one of them (Hoeting et al., Statistical Science 14, 1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import softmax
+
+from thermofit.diagnose.unlisted_field import Basis, MissingField, System, likelihoods
+from thermofit.fit.linear_model import LinearModel
+
+
+@dataclass(frozen=True)
+class Second:
+    """How likely a second history of every kind is (none of them: the rest of one), and E (p, p)."""
+
+    likelihood: Mapping[str, float]
+    covariance: np.ndarray
+
+
+def second_histories(known: LinearModel, term: MissingField, others: Mapping[str, Basis]) -> Second:
+    """What other kinds of histories may make of the fitted parameters beside a term with its lambda; `known`: the linear model of the
+    parameters where they are, `others`: the hats of each kind."""
+    p, own = known.columns.shape[1], term.basis
+    whole = with_term(known, term)
+    none = replace(own, columns=own.columns[:, :0], rough=own.rough[:0, :0])
+    alone, least = System(whole, none).solved(1.0)
+    gains, moved = [0.0], [np.zeros((p, p))]
+    for basis in others.values():
+        weights, gained = likelihoods(whole, basis)
+        step, covariance = System(whole, basis).solved(weights[int(np.argmax(gained))])
+        away = (step - alone)[:p]
+        gains.append(float(gained.max()))
+        moved.append((covariance - least)[:p, :p] + np.outer(away, away))
+    share = softmax(gains)
+    return Second(dict(zip(others, share[1:].tolist(), strict=True)), np.tensordot(share, np.array(moved), axes=1))
+
+
+def with_term(known: LinearModel, term: MissingField) -> LinearModel:
+    """The linear model with the coefficients of a term behind its parameters, and rows that hold them, lambda q^T R q."""
+    fitted = term.basis if term.solved is None else term.solved
+    block = np.zeros((len(known.residual), fitted.columns.shape[1]))
+    block[fitted.rows] = fitted.columns
+    values, vectors = np.linalg.eigh(fitted.rough)
+    held = np.sqrt(term.weight * np.maximum(values, 0.0))[:, None] * vectors.T
+    below = np.concatenate([np.zeros((len(held), known.columns.shape[1])), held], axis=1)
+    columns = np.concatenate([np.concatenate([known.columns, block], axis=1), below])
+    return replace(known, residual=np.append(known.residual, np.zeros(len(held))), columns=columns, bounds=None)

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import null_space
 
 from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of, likelihoods, roughness
+from thermofit.diagnose.unlisted_field import Basis, MissingField, System, field_of, roughness
 from thermofit.diagnose.unlisted_second import second_histories, with_term
 from thermofit.experiment.missing import Grid
 from thermofit.fit.linear_model import LinearModel
@@ -62,10 +62,10 @@ def test_likelihoods_are_those_of_what_the_parameters_leave() -> None:
         v, r = contrasts.T @ spread(N, *terms) @ contrasts, contrasts.T @ known.residual
         return -0.5 * (len(r) * float(np.log(r @ np.linalg.solve(v, r))) + float(np.linalg.slogdet(v)[1]))
 
-    weights, gains = likelihoods(with_term(known, term), others["flux"])
+    system = System(with_term(known, term), others["flux"])
     own = (term.basis, term.weight)
-    expected = [density(own, (others["flux"], w)) - density(own) for w in weights]
-    np.testing.assert_allclose(gains, expected, atol=1e-4 * np.ptp(expected))
+    expected = [density(own, (others["flux"], w)) - density(own) for w in system.weights]
+    np.testing.assert_allclose(system.gains, expected, atol=1e-4 * np.ptp(expected))
 
 
 def test_intervals_are_those_of_a_mixture_about_what_is_told() -> None:
@@ -81,9 +81,9 @@ def test_intervals_are_those_of_a_mixture_about_what_is_told() -> None:
     alone, least = fitted()
     share, parts = [1.0], [np.zeros((3, 3))]
     for basis in others.values():
-        weights, gains = likelihoods(with_term(known, term), basis)
-        step, covariance = fitted((basis, weights[int(np.argmax(gains))]))
-        share.append(float(np.exp(gains.max())))
+        system = System(with_term(known, term), basis)
+        step, covariance = fitted((basis, system.weights[int(np.argmax(system.gains))]))
+        share.append(float(np.exp(system.gains.max())))
         parts.append(covariance - least + np.outer(step - alone, step - alone))
     found = second_histories(known, term, others)
     of_all = np.array(share) / np.sum(share)

@@ -189,7 +189,7 @@ def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted,
     missing = here.case.model.missing
     assert missing is not None, "the term has a kind"
     seen = observed_field(structure.blocks.channel)
-    kinds = [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k not in (term.basis.kind, "gradient")]
+    kinds = [kind for kind in other_kinds(here.case, structure, term) if kind != "gradient"]
     rivals = [
         own
         for kind in kinds
@@ -374,9 +374,15 @@ def histories(case: Case, structure: Structure, term: MissingField) -> dict[str,
     NumericsError where a run fails."""
     missing = case.model.missing
     assert missing is not None, "the term has a kind"
-    seen = observed_field(structure.blocks.channel)
-    kinds = [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k != term.basis.kind]
+    kinds = other_kinds(case, structure, term)
     return {kind: _every_hat(case, structure, kind, missing.grid(kind, COUNTS[kind])) for kind in kinds}
+
+
+def other_kinds(case: Case, structure: Structure, term: MissingField) -> list[str]:
+    """Kinds of terms that are the same everywhere which a channel may have, but that of a term."""
+    missing, seen = case.model.missing, observed_field(structure.blocks.channel)
+    assert missing is not None, "the term has a kind"
+    return [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k != term.basis.kind]
 
 
 def alike_basis(here: Traced, structure: Structure, kind: str) -> Basis:

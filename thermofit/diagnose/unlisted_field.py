@@ -136,18 +136,6 @@ def likeliest(known: LinearModel, basis: Basis) -> float:
     return min(system.weights, key=lambda weight: system.unlikely(weight) - len(system.rough) * float(np.log(weight)))
 
 
-def likelihoods(known: LinearModel, basis: Basis) -> tuple[tuple[float, ...], np.ndarray]:
-    """lambda that are tried, and what the logarithm of the restricted likelihood gains by the term with each (k,) over none,
-
-        ln L = ((n - p) ln S_0 + ln det J^T J - (n - p) ln S - ln det [G + lambda R] + ln det lambda R) / 2,   S_0 = min |r + J x|^2;
-
-    -inf where rounding decides. R holds all coefficients."""
-    system = System(known, basis)
-    of_rough = 2.0 * float(np.sum(np.log(np.diag(cholesky(system.rough)))))
-    wanted = [system.unlikely(weight) - len(system.rough) * float(np.log(weight)) for weight in system.weights]
-    return system.weights, 0.5 * (system.unlikely(np.inf) - np.array(wanted) + of_rough)
-
-
 def field_of(known: LinearModel, basis: Basis, rows: Rows, split: Split, weight: float | None = None) -> MissingField:
     """The field that predicts held-out data best, beside the fitted parameters without their bounds; `weight`: the one of that lambda."""
     system = System(known, basis)
@@ -274,6 +262,17 @@ class System:
         left = float(self.residual @ self.residual) - float(right @ cho_solve(factor, right))
         det = 2.0 * float(np.sum(np.log(np.diag(factor[0]))) - np.sum(np.log(scale)))
         return (len(self.residual) - self.p) * float(np.log(max(left, 1e-300))) + det
+
+    @property
+    def gains(self) -> np.ndarray:
+        """What the logarithm of the restricted likelihood gains by the term with each of the lambdas (k,) over none,
+
+            ((n - p) ln S_0 + ln det J^T J - (n - p) ln S - ln det [G + lambda R] + ln det lambda R) / 2,   S_0 = min |r + J x|^2;
+
+        -inf where rounding decides. R has to hold all coefficients."""
+        of_rough = 2.0 * float(np.sum(np.log(np.diag(cholesky(self.rough)))))
+        wanted = [self.unlikely(weight) - len(self.rough) * float(np.log(weight)) for weight in self.weights]
+        return 0.5 * (self.unlikely(np.inf) - np.array(wanted) + of_rough)
 
     def solved(self, weight: float) -> tuple[np.ndarray, np.ndarray]:
         """Step (p,) of the parameters beside hats with lambda, and their covariance (p, p), the block of (G + lambda R)^-1."""

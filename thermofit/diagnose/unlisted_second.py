@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import softmax
 
-from thermofit.diagnose.unlisted_field import Basis, MissingField, System, likelihoods
+from thermofit.diagnose.unlisted_field import Basis, MissingField, System
 from thermofit.fit.linear_model import LinearModel
 
 
@@ -42,8 +42,9 @@ def second_histories(known: LinearModel, term: MissingField, others: Mapping[str
     alone, least = System(whole, none).solved(1.0)
     gains, moved = [0.0], [np.zeros((p, p))]
     for basis in others.values():
-        weights, gained = likelihoods(whole, basis)
-        step, covariance = System(whole, basis).solved(weights[int(np.argmax(gained))])
+        system = System(whole, basis)
+        gained = system.gains
+        step, covariance = system.solved(system.weights[int(np.argmax(gained))])
         away = (step - alone)[:p]
         gains.append(float(gained.max()))
         moved.append((covariance - least)[:p, :p] + np.outer(away, away))

@@ -91,3 +91,14 @@ def test_the_page_says_where_an_interval_is_too_wide_to_tell_anything(study: Any
     said = study.page([row, {**row, "wide": {"c0": 0.4, "E": 0.02}}, {n: v for n, v in row.items() if n != "wide"}])
     assert "within 3 combined standard errors: **3 of 3**" in said
     assert "so that being within it says nothing: **1** of the 2 that keep widths" in said and "| E -0.2 | c0 72 % |" in said
+
+
+def test_the_page_counts_second_histories_where_none_was_planted(study: Any) -> None:
+    """Of runs of one cause that keep how likely another kind of history is; where two were planted, one may be there."""
+    row = {
+        **{"specimen": "steel", "source": "a", "accepted": [], "like": {}, "unlisted": "dtheta", "grade": "unlisted"},
+        **{"exit": 5, "seconds": 1.0, "off": {"c0": 0.1}},
+    }
+    kept = [("camera-tilts", {"flux": 0.9}), ("camera-tilts", {"flux": 0.3, "jaws": 0.4}), ("lamp pulse and camera step", {"flux": 0.9})]
+    said = study.page([{**row, "run": "camera-tilts"}, *({**row, "run": run, "second": second} for run, second in kept)])
+    assert "likelier than not in **1** of the 2 that keep it" in said

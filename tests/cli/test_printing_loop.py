@@ -101,5 +101,5 @@ def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(
     shown = " ".join(out.getvalue().split())
     assert "1.234 +- 0.4" in shown
     assert ("! no run there" in shown) if failed else ("131.2 +- 4" in shown and "98.76" in shown)
-    second = "+- holds that there may be another history beside it: an offset of the infrared camera (70 %)"
-    assert (second in shown) == ("+- holds" in shown) == (offset > 0.0 and not failed) and "jaws" not in shown
+    second = "standard errors hold that there may be another history beside it: an offset of the infrared camera"
+    assert (second in shown) == ("standard errors hold" in shown) == (offset > 0.0 and not failed) and "jaws" not in shown

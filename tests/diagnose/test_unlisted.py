@@ -191,7 +191,7 @@ def test_a_camera_that_wanders_is_no_heat_source(tmp_path: Path, offset: Any, st
     away = (history - history.mean()) - (planted - planted.mean())
     assert np.sqrt(np.mean(away**2)) < 0.25 * np.std(planted)
     beside = beside_source(here, found)
-    assert beside is not None and set(beside.value) == {"kappa", "beta"}
+    assert beside is not None and set(beside.value) == {"kappa", "beta"} and set(beside.second) == {"flux"}
     assert np.all(np.abs(found.field.step) < 0.3 * found.field.uncertainty), "they have come to where they belong beside it"
     clean, driven = fitted(strip_case(3))[0].parameters, here.case.parameters
     off = {n: (beside.value[n] / clean[n] - 1.0, driven[n] / clean[n] - 1.0) for n in beside.value}

@@ -249,7 +249,7 @@ def test_parameters_beside_an_unlisted_heat_are_on_the_page(tmp_path: Path) -> N
     told, failed, alone = (tmp_path / name for name in ("told", "failed", "alone"))
     made.whole_run(told, unlisted={**unlisted, "parameters": beside}, trustworthy=False)
     _, page, _ = page_of(told)
-    second = "+- holds that there may be another history beside it: a change of the temperature of the jaws (60 %)"
+    second = "standard errors hold that there may be another history beside it: a change of the temperature of the jaws"
     assert second in page.texts["p"]
     assert "Parameters beside it" in page.texts["h3"] and {"141.5", "2.5", "97.25"} <= set(page.texts["td"]) and page.wrong == []
     made.whole_run(failed, unlisted={**unlisted, "parameters": {"values": {}, "failed": "a run failed", "second": {}}}, trustworthy=False)

@@ -1,12 +1,12 @@
 """Histories of another kind that may be there beside one that is told: what they would make of the fitted parameters.
 
-A lamp may burn while a camera jumps. One history over time then takes most of both, and the parameters the rest. Mesh and steps leave as
-much, so that no likelihood tells the two apart. Beside a history (or one spot) B q every other kind k that the channel may have, B_k q_k,
-is therefore weighed, and none of them too:
+A lamp may burn while a camera jumps. One history over time then takes most of both, and the parameters the rest. Beside a history (or one
+spot) B q every other kind k that the channel may have, B_k q_k, is therefore weighed, and none of them too:
 
     p_k = L_k / (1 + sum_j L_j),   L_k the largest restricted likelihood with k over that without.
 
-Values stay what they are. With d_k how far they would move beside k, and C_k and C their covariance with it and without, they are off by
+One is told as likely where none is, too (docs/other-causes.md counts it). So values stay what they are. With d_k how far they would move
+beside k, and C_k and C their covariance with it and without, they are off by
 
     E = sum_k p_k (C_k - C + d_k d_k^T),
 

@@ -57,12 +57,13 @@ def with_article(kind: str) -> str:
 
 
 def second_in_words(likelihood: Mapping[str, float]) -> str:
-    """Which other kinds of histories standard errors hold, from how likely each is beside the one that is told; empty where none is."""
-    likely = {kind: p for kind, p in sorted(likelihood.items(), key=lambda one: -one[1]) if p >= LIKELY}
+    """Which other kinds of histories standard errors hold, the likeliest first, from how likely each is beside the one that is told; empty
+    where none is. No shares: one is told as likely where none is, too (docs/other-causes.md)."""
+    likely = [kind for kind, p in sorted(likelihood.items(), key=lambda one: -one[1]) if p >= LIKELY]
     if not likely:
         return ""
-    kinds = ", ".join(f"{with_article(KINDS[kind].words)} ({100.0 * p:.0f} %)" for kind, p in likely.items())
-    return f"+- holds that there may be another history beside it: {kinds}"
+    kinds = ", ".join(with_article(KINDS[kind].words) for kind in likely)
+    return f"standard errors hold that there may be another history beside it: {kinds}"
 
 
 def steps_in_words(said: Mapping[str, Any]) -> str:

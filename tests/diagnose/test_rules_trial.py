@@ -13,7 +13,7 @@ import pytest
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose import trial as module
-from thermofit.diagnose.held_out import Proof, Rows
+from thermofit.diagnose.held_out import Proof, Rows, Split
 from thermofit.diagnose.refit import EXPONENTS
 from thermofit.diagnose.trial import (
     NEARER,
@@ -31,6 +31,7 @@ from thermofit.diagnose.trial import (
 )
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.trust import physical
+from thermofit.fit.linear_model import LinearModel
 
 RATE = "ir_drift.rate"
 SLOPE = "stored_energy.slope"
@@ -514,6 +515,9 @@ def test_an_effect_whose_own_param_no_reading_explains_is_refused(monkeypatch: p
 def test_refits_are_told_apart_by_two_standard_errors(monkeypatch: pytest.MonkeyPatch, gain: float, apart: bool) -> None:
     """The one of the larger held-out error is that without."""
     one, other = here_of(), here_of()
+    for ended in (one, other):
+        ended.rows = Rows(np.zeros(3, dtype=int), np.arange(3.0), np.zeros((3, 2)), np.zeros(3, dtype=int))
+        ended.columns.residual = np.ones(3)
     error = {id(one): np.ones(3), id(other): np.zeros(3)}
     seen = []
 
@@ -525,3 +529,25 @@ def test_refits_are_told_apart_by_two_standard_errors(monkeypatch: pytest.Monkey
     monkeypatch.setattr(module, "compared", compare)
     assert discriminated(one, other) is apart and discriminated(other, one) is apart
     assert seen == [(3.0, 0.0)] * 2
+
+
+@pytest.mark.parametrize("unexplained", [1.0, 6.0])
+def test_a_channel_that_neither_explains_tells_nothing_of_which_is_right(unexplained: float) -> None:
+    """One of two refits leaves a tenth more in the displacements; the temperatures hold what is missing besides, and differ by chance."""
+    n = 4000
+    draw = np.random.default_rng(2)
+    channel = np.repeat([0, 1], n)
+    time = np.tile(np.linspace(0.0, 100.0, n), 2)
+    rows = Rows(channel, time, np.zeros((2 * n, 2)), np.zeros(2 * n, dtype=int))
+    noise, (slow, chance) = draw.normal(size=2 * n), np.repeat(draw.normal(size=(2, n // 40)), 40, axis=1)
+    temperatures = unexplained * np.where(unexplained > 1.0, slow, noise[n:])
+    split = Split((time < 50.0, time >= 50.0), (np.zeros(2 * n, dtype=bool),) * 2, "halves")
+
+    def ended(more: float, by_chance: float) -> Any:
+        left = np.concatenate([noise[:n] + more * np.sin(time[:n]), temperatures * (1.0 + by_chance * chance)])
+        model = LinearModel(left, np.zeros((2 * n, 0)))
+        return SimpleNamespace(rows=rows, split=split, problem=SimpleNamespace(model=model), columns=SimpleNamespace(residual=left))
+
+    right, other = ended(0.0, 0.05), ended(0.45, -0.05)
+    assert discriminated(right, other) and discriminated(other, right)
+    assert not discriminated(right, ended(0.0, -0.05)), "the same"

@@ -53,6 +53,46 @@ def test_middle_and_spread_are_found(y: float, spread: float) -> None:
     assert found.basis.columns.shape[1] == m + 2 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
 
 
+def on_a_mesh(grid: Grid) -> Basis:
+    """The same on a mesh that shows a spot no narrower than 3 mm, and a wide one beside where it is."""
+    shown = replace(grid, y=grid.y + grid.spread**2 / 3.0, spread=float(np.hypot(grid.spread, 3.0)))
+    return replace(hats_at(shown), grid=grid)
+
+
+@pytest.mark.parametrize("spread", [0.35, 0.45, 0.6])
+@pytest.mark.parametrize("truth", [2.5, 2.9])
+def test_the_middle_is_found_where_the_spread_is_not_shown(truth: float, spread: float) -> None:
+    """A spot that is narrower than the mesh shows any asks for a step of the spread without end. That says nothing of the middle."""
+    model, rows, split = seen(7.3, truth)
+    found = nearest(model, on_a_mesh, replace(GRID, y=np.array([7.3]), spread=spread), rows, split, weight=1e-3, least=0.3)
+    m = GRID.size
+    assert found.basis.grid.spread == pytest.approx(0.3) and found.basis.columns.shape[1] == m + 1
+    assert np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:])
+    best = min(
+        np.linspace(7.0, 7.5, 51), key=lambda y: with_parameters(model, on_a_mesh(replace(GRID, y=np.array([y]), spread=0.3)), 1e-3)[2]
+    )
+    assert found.basis.grid.y[0] == pytest.approx(best, abs=0.02)
+
+
+def test_a_spot_grows_again_from_the_least() -> None:
+    """Where it began, or where errors of the mesh had held it."""
+    model, rows, split = seen(7.3, 3.0)
+    found = nearest(model, hats_at, replace(GRID, y=np.array([6.9]), spread=0.5), rows, split, weight=1e-3, least=0.5)
+    assert found.basis.grid.spread == pytest.approx(3.0, rel=0.02) and found.basis.columns.shape[1] == GRID.size + 2
+
+
+def test_what_nobody_sees_has_no_place() -> None:
+    """It stays where it is."""
+    model, rows, split = seen(7.3, 3.0)
+
+    def unseen(grid: Grid) -> Basis:
+        hat = hats_at(grid)
+        return replace(hat, columns=0.0 * hat.columns)
+
+    found = nearest(model, unseen, replace(GRID, y=np.array([6.9])), rows, split, weight=1e-3, least=0.5)
+    assert found.basis.grid.y[0] == 6.9 and found.basis.grid.spread == 4.0 and np.all(found.q == 0.0)
+
+
 def test_a_search_knows_what_the_field_knows() -> None:
     """Coefficients, covariance and sum of squares of hats beside parameters are those of the field without held-out data. Beside parameters
     that stay they are the least as well."""
@@ -180,3 +220,32 @@ def test_what_is_the_same_everywhere_is_no_spot(one: tuple[Traced, Unlisted, Unl
     assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, grid=grid)))) == (None, "")
     assert as_spot(here, replace(found, field=replace(found.field, basis=replace(found.field.basis, kind="displacement")))) == (None, "")
     assert as_spot(here, replace(found, field=None)) == (None, "")
+
+
+@pytest.mark.parametrize(
+    ("names", "held"), [(("kappa", "rate_power.K", "rate_power.m"), ("rate_power.m",)), (("kappa", "local_source.place"), ())]
+)
+def test_exponents_of_a_law_are_held_where_nothing_settles_beside_them(
+    monkeypatch: pytest.MonkeyPatch, one: tuple[Traced, Unlisted, Unlisted], names: tuple[str, ...], held: tuple[str, ...]
+) -> None:
+    """A second fit holds those that displacements show; where there is none, or the spot leaves structure, there is no second one."""
+    here, found, _ = one
+    model = LinearModel(np.zeros(6), np.arange(6.0 * len(names)).reshape(6, len(names)))
+    at = replace(here.case, parameters=here.case.parameters.with_free(names))
+    asked: list[Traced] = []
+    answers = [(None, UNSETTLED), (found, "")]
+
+    def fitted_spot(there: Traced, *_: Any) -> Any:
+        asked.append(there)
+        return answers[len(asked) - 1]
+
+    monkeypatch.setattr(module, "_fitted_spot", fitted_spot)
+    with_law = replace(here, case=at, problem=replace(here.problem, model=model))
+    assert as_spot(with_law, found) == answers[1 if held else 0]
+    last = asked[-1]
+    assert len(asked) == (2 if held else 1) and last.case.parameters.free == tuple(n for n in names if n not in held)
+    assert np.array_equal(last.problem.model.columns, model.columns[:, : len(names) - len(held)])
+    assert last.case.parameters.values == at.parameters.values
+    asked.clear()
+    answers[0] = (None, "one spot leaves structure")
+    assert as_spot(with_law, found) == answers[0] and len(asked) == 1

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
-from thermofit.report.local_words import balance_lines, drift_line, second_in_words, steps_in_words, with_article
+from thermofit.report.local_words import balance_lines, drift_line, held_in_words, second_in_words, steps_in_words, with_article
 
 
 def number(value: Any, digits: int = 5) -> str:
@@ -557,7 +557,7 @@ def _effect_parameters(console: Console, beside: Mapping[str, Any] | None) -> No
     for name, row in beside["values"].items():
         table.add_row(name, f"{number(row['value'], 4)} +- {row['sigma']:.1g}", number(row["joint_fit"], 4), row["unit"])
     console.print(table)
-    if words := second_in_words(beside["second"]):
+    for words in filter(None, (second_in_words(beside["second"]), held_in_words(beside["held"]))):
         console.print(words, soft_wrap=True)
 
 

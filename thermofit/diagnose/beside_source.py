@@ -17,9 +17,11 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose.beside_form import moves_of_form
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
+from thermofit.diagnose.trial import held_exponents
 from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, histories
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
 from thermofit.diagnose.unlisted_second import second_histories
@@ -31,6 +33,8 @@ from thermofit.identify.combined import taken_for_exact
 
 FORM = (EXCHANGED, EXPONENTS, HELD_LAW, FORM_OF_HEAT, OTHER_FORM, PULLED, SLOWER_RATES)
 """Causes of doubt that lie in the form of what was added, and not in the data."""
+TOLD_ANEW = (EXPONENTS, SLOWER_RATES)
+"""Those that are told where the parameters beside one history or spot are."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,10 @@ class BesideSource:
     """Why they are not told beside one spot, where the unlisted heat has a place."""
     second: Mapping[str, float] = field(default_factory=dict)
     """How likely each other kind of history is beside the one that is told, or beside the spot: standard errors hold them."""
+    held: Mapping[str, float] = field(default_factory=dict)
+    """Exponents of added laws that are held beside it, in the unit of each."""
+    form: tuple[str, ...] = ()
+    """Causes of doubt in the form of what was added that the standard errors hold already."""
 
 
 def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
@@ -64,7 +72,8 @@ def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None 
     found = _beside(here, missing)
     if found is None or budget is None:
         return found
-    form = {n: np.linalg.norm([budget.of(c)[k] for c in FORM if c in budget.parts]) for k, n in enumerate(budget.names)}
+    causes = [c for c in FORM if c in budget.parts and c not in found.form]
+    form = {n: np.linalg.norm([budget.of(c)[k] for c in causes]) for k, n in enumerate(budget.names)}
     return replace(found, sigma={n: float(np.hypot(s, form.get(n, 0.0))) for n, s in found.sigma.items()})
 
 
@@ -117,18 +126,27 @@ def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:
     """The parameters that were fitted with a term over time that is the same everywhere, or one spot."""
     parameters, term = missing.parameters, missing.field
     assert term is not None, "they were fitted with it"
+    there = replace(case, parameters=parameters)
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)
         errors = _errors(case, parameters, columns)
         known = beside_term(LinearModel(residual, columns), case, parameters, term)
-        others = histories(replace(case, parameters=parameters), missing.structure, term)
+        others = histories(there, missing.structure, term)
+        form = moves_of_form(known, term, there, missing.beside)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
     second = second_histories(known, term, others)
     noise = np.sqrt(term.uncertainty**2 + np.diag(second.covariance))
-    sigma = _together(noise, moves_beside(known, term, errors))
+    sigma = _together(noise, np.concatenate([moves_beside(known, term, errors), form], axis=1))
     values = {n: parameters[n] for n in parameters.free}
-    return BesideSource(values, dict(zip(parameters.free, sigma, strict=True)), second=second.likelihood)
+    held = {n: parameters[n] for n in held_exponents(parameters)} if missing.beside else {}
+    return BesideSource(
+        values,
+        dict(zip(parameters.free, sigma, strict=True)),
+        second=second.likelihood,
+        held=held,
+        form=TOLD_ANEW if missing.beside else (),
+    )
 
 
 def _errors(case: Case, parameters: Parameters, columns: np.ndarray) -> np.ndarray:

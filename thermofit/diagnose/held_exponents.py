@@ -46,22 +46,39 @@ def with_held_exponents(closed: Closed) -> Closed:
     """The loop's result with standard errors that know of exponents which are held, and a remark on what they do; the same where none is.
     Where the run of their columns fails, a remark says so."""
     here, fit = closed.last, closed.fit
-    held = held_exponents(here) if closed.accepted else ()
-    at = [(here.case, held)] if held else []
-    at += [(replace(here.case, parameters=there), names) for there, names in more_general(here.case, closed.accepted)]
-    if not at or fit.covariance is None or fit.jacobian is None:
+    if fit.covariance is None or fit.jacobian is None:
         return closed
-    every = {name: case for case, names in at for name in names}
+    every = held_at(here.case, closed.accepted)
+    if not every:
+        return closed
     try:
-        columns = np.concatenate([case.model.linearised(case.parameters, names)[1] for case, names in at], axis=1)
+        columns = columns_of(every)
     except NumericsError as error:
         return replace(
             closed, remarks=(*closed.remarks, f"{', '.join(every)} count as exact: the run of their derivatives failed ({error})")
         )
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
-    doubtful = in_doubt(fit, model, columns * np.array([spread_of(name, case) for name, case in every.items()]))
+    doubtful = in_doubt(fit, model, columns)
     closed = with_wider(closed, EXPONENTS, doubtful)
     return replace(closed, remarks=(*closed.remarks, *_in_words(every, fit, doubtful)))
+
+
+def held_at(case: Case, accepted: Sequence[str]) -> dict[str, Case]:
+    """The exponents that are held where the parameters of a case are, beside accepted effects, and those of laws that are more general than
+    one of these: each with the case in which it is moved."""
+    held = held_exponents(case.parameters) if accepted else ()
+    at = [(case, held)] if held else []
+    at += [(replace(case, parameters=there), names) for there, names in more_general(case, accepted)]
+    return {name: own for own, names in at for name in names}
+
+
+def columns_of(held: Mapping[str, Case]) -> np.ndarray:
+    """What one standard error of each exponent, before its data speak, makes of the residual (n, k). NumericsError where a run fails."""
+    groups: dict[int, list[str]] = {}
+    for name, case in held.items():
+        groups.setdefault(id(case), []).append(name)
+    columns = [held[names[0]].model.linearised(held[names[0]].parameters, tuple(names))[1] for names in groups.values()]
+    return np.concatenate(columns, axis=1) * np.array([spread_of(name, held[name]) for names in groups.values() for name in names])
 
 
 def more_general(case: Case, accepted: Sequence[str]) -> list[tuple[Parameters, tuple[str, ...]]]:

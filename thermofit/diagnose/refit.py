@@ -220,8 +220,11 @@ class JointFit:
         vague = () if self.model.cheap else undetermined_exponents(parameters, fit)
         self.told.update((n, parameters[n]) for n in parameters.free if param(n).scan)
         if vague:
-            # Free exponents that the data do not determine make a valley in which every later fit crawls: they are held where they are.
-            held = parameters.with_free(tuple(name for name in parameters.free if name not in vague))
+            # Free exponents that the data do not determine make a valley in which every later fit crawls: they are held where they are. A fit
+            # that has not settled went as far along it as it was let, or as another channel drew it: of exponents that displacements show it
+            # is made again from its start, where displacements alone have them.
+            begin = start if not (fit.converged or acting_on_temperatures(vague)) else parameters
+            held = begin.with_free(tuple(name for name in parameters.free if name not in vague))
             parameters, fit = self._with_errors(*self.minimised_on(held, self.model, f"{label} held", most))
         return parameters, fit
 

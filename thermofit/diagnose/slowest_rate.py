@@ -16,7 +16,8 @@ No datum makes it smaller, only a test with slower flow does.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,37 +45,55 @@ def with_slowest_rate(closed: Closed) -> Closed:
     """The loop's result with standard errors that know how little a law of the rate tells below the slowest rate of the test, and a remark
     on what that does; the same where none was added. Where a run for it fails, or a law has no reference rate, a remark says so."""
     here = closed.last
-    laws = [e for e in map(effect, closed.accepted) if e.is_on(here.case.parameters) and feels_rate(e, here.case.parameters)]
-    for e in laws:
+    for e in laws_of_rate(here.case, closed.accepted):
         fit = closed.fit
         if fit.covariance is None or fit.jacobian is None:
             break
-        of_rate = reference_of(e)
-        if of_rate is None:
-            words = f"{e.name} has no reference rate: intervals hold nothing of what its form says below the slowest rate of the test"
-            closed = replace(closed, remarks=(*closed.remarks, words))
-            continue
         try:
-            told = [(p, *doubt_of(here.case, e, p)) for p in (of_rate, *(q for q in e.exponents if q is not of_rate))]
-            by, slowest, doubt = next((one for one in told if np.isfinite(one[2])), (None, told[0][1], 0.0))
-            if by is None:
-                words = f"what {e.name} says below {slowest:.2g} 1/s counts as exact: no exponent of it shifts the stress at all rates"
-                closed = replace(closed, remarks=(*closed.remarks, words))
-                continue
-            column = here.case.model.linearised(here.case.parameters, (by.name,))[1]
+            told = told_at(here.case, e)
         except NumericsError as error:
             words = f"what {e.name} says below the slowest rate of the test counts as exact: a run for it failed ({error})"
             closed = replace(closed, remarks=(*closed.remarks, words))
             continue
+        if isinstance(told, str):
+            closed = replace(closed, remarks=(*closed.remarks, told))
+            continue
         model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
         held = fit.at_bound | np.isin(fit.names, [p.name for p in e.exponents])
-        gone = moves(model, doubt * column, held)
+        gone = moves(model, told.column, held)
         wider = widened(fit, gone @ gone.T)
         most = most_widened(fit, wider)
-        words = f"no rate below {slowest:.2g} 1/s is in the data, and what {e.name} says there rests on its form"
+        words = f"no rate below {told.slowest:.2g} 1/s is in the data, and what {e.name} says there rests on its form"
         remarks = (*closed.remarks, f"{words}; intervals hold half of it, most of all {most}") if most else closed.remarks
         closed = replace(with_wider(closed, SLOWER_RATES, wider), remarks=remarks)
     return closed
+
+
+@dataclass(frozen=True)
+class SlowestRate:
+    """The slowest rate of a test in 1/s, and what one standard error of the overstress there, the same at all rates, makes of the residual
+    (n, 1)."""
+
+    slowest: float
+    column: np.ndarray
+
+
+def laws_of_rate(case: Case, accepted: Sequence[str]) -> list[Effect]:
+    """The laws of the rate among accepted effects that are on where the parameters of a case are."""
+    return [e for e in map(effect, accepted) if e.is_on(case.parameters) and feels_rate(e, case.parameters)]
+
+
+def told_at(case: Case, law: Effect) -> SlowestRate | str:
+    """What a law of the rate leaves unknown below the slowest rate, where the parameters of a case are; in words why that is not told.
+    NumericsError where a run fails."""
+    of_rate = reference_of(law)
+    if of_rate is None:
+        return f"{law.name} has no reference rate: intervals hold nothing of what its form says below the slowest rate of the test"
+    told = [(p, *doubt_of(case, law, p)) for p in (of_rate, *(q for q in law.exponents if q is not of_rate))]
+    by, slowest, doubt = next((one for one in told if np.isfinite(one[2])), (None, told[0][1], 0.0))
+    if by is None:
+        return f"what {law.name} says below {slowest:.2g} 1/s counts as exact: no exponent of it shifts the stress at all rates"
+    return SlowestRate(slowest, doubt * case.model.linearised(case.parameters, (by.name,))[1])
 
 
 def reference_of(law: Effect) -> Param | None:

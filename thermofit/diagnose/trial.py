@@ -242,7 +242,9 @@ def ended_at(here: Traced, fit: FitResult, scores: tuple[Score, ...], end: End, 
         ends += [(one[0], f"{', '.join(part)} {one[1]}", none) for one, part in singly if one[0] is not None and one[0][1].converged]
     judged = [(*judged_trial(here, fit, scores, e, means), words, loose) for e, words, loose in ends]
     best = max(judged, key=_rank)
-    earlier = held_exponents(here)  # held where they stood in for what is added now, they keep the others from their best fit
+    earlier = held_exponents(
+        here.case.parameters
+    )  # held where they stood in for what is added now, they keep the others from their best fit
     for part in dict.fromkeys(((*scanned, *earlier), earlier)) if earlier else ():
         found_there, words = freed_refit(end, part, f"{label} beside", means.refit)
         if found_there is not None and found_there[1].converged:
@@ -266,9 +268,9 @@ def asked_for(here: Traced, plain: Traced, freed: Traced) -> bool:
     return compared(*ends, here.rows, len(here.split.held_out), here.problem.model.noise, freed.columns.residual).convinces
 
 
-def held_exponents(here: Traced) -> tuple[str, ...]:
+def held_exponents(parameters: Parameters) -> tuple[str, ...]:
     """Exponents of effects that were accepted, whose amplitudes are fitted, and that a fit holds where they are."""
-    free = here.case.parameters.free
+    free = parameters.free
     added = dict.fromkeys(effect_of_param(n) for n in free if is_of_effect(n))
     return tuple(p.name for e in added for p in e.exponents if p.name not in free)
 
@@ -457,8 +459,20 @@ def ends_of(names: Sequence[str], parameters: Parameters, fit: FitResult) -> dic
 
 
 def discriminated(one: Traced, other: Traced, sure: float = SURE) -> bool:
-    """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors."""
-    ends = {id(t): held_out_of(t) for t in (one, other)}
+    """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors. A channel counts by what
+    the better of the two leaves there, at least its noise: where both leave what neither explains, it tells nothing of which is right."""
+    ends = {id(t): held_out_of(t) * _told_by(one, other) for t in (one, other)}
     worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))
-    found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.model.noise, better.columns.residual)
+    left = better.columns.residual * _told_by(one, other)
+    found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.model.noise, left)
     return found.gain > sure * found.sigma
+
+
+def _told_by(one: Traced, other: Traced) -> np.ndarray:
+    """Noise of every row (n,) over the larger of it and the rms that the better of two refits leaves in its channel."""
+    channel = one.rows.channel
+    out = np.ones(len(channel))
+    for k in np.unique(channel):
+        square = min(float(np.mean(t.columns.residual[channel == k] ** 2)) for t in (one, other))
+        out[channel == k] /= max(square, 1.0) ** 0.5
+    return out

@@ -597,15 +597,34 @@ def as_spot(here: Traced, found: Unlisted) -> tuple[Unlisted | None, str]:
     where parameters beside one are not told, and why.
 
     They are not where they do not settle, or where the spot leaves structure: it is then not all of what is missing. Nor are they where the
-    errors of the mesh cannot be told beside it, for it may be smaller than an element. NumericsError where its first run fails."""
-    missing, place, structure = here.case.model.missing, found.place, found.structure
+    errors of the mesh cannot be told beside it, for it may be smaller than an element. Where they do not settle with exponents of added
+    laws free, these are held: amplitude, exponents and what they share a sum with make a valley in which every step crawls.
+    NumericsError where its first run fails."""
+    missing, place = here.case.model.missing, found.place
     if missing is None or found.field is None or place is None or found.field.basis.kind != "heat":
         return None, ""
     grid = missing.spot(IN_TIME)
     if grid is None or found.field.basis.grid.places == 1:
         return None, ""
-    apart, _ = undriven(here, structure)
     grid = replace(grid, y=np.array([place.centroid[1]]), spread=max(place.extent[1], grid.spread))
+    spot, why = _fitted_spot(here, found, grid)
+    exponents = tuple(n for n in here.case.parameters.free if param(n).scan)
+    held = [n for n in exponents if n not in acting_on_temperatures(exponents)]
+    return _fitted_spot(holding(here, held), found, grid) if held and why == UNSETTLED else (spot, why)
+
+
+def holding(here: Traced, names: Sequence[str]) -> Traced:
+    """A trace that holds fitted parameters where they are."""
+    free = here.case.parameters.free
+    kept = [k for k, n in enumerate(free) if n not in names]
+    case = replace(here.case, parameters=here.case.parameters.with_free(tuple(free[k] for k in kept)))
+    return replace(here, case=case, problem=replace(here.problem, model=here.problem.model.only(kept)))
+
+
+def _fitted_spot(here: Traced, found: Unlisted, grid: Grid) -> tuple[Unlisted | None, str]:
+    """The same, from the spot of a grid."""
+    structure = found.structure
+    apart, _ = undriven(here, structure)
     hat = _every_hat(apart.case, structure, "heat", grid)
     first = beside_optimum(here, field_of(apart.problem.model, hat, here.rows, here.split, likeliest(apart.problem.model, hat)))
     term, parameters, remark = settled(apart, structure, first)

@@ -14,11 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.optimize import lsq_linear
 
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of, with_parameters
 from thermofit.experiment.missing import Grid
-from thermofit.fit.linear_model import LinearModel
+from thermofit.fit.linear_model import LinearModel, Room
 
 NEARBY = 0.05
 """Part of the spread by which it and the middle are moved for a difference quotient."""
@@ -26,10 +27,10 @@ FARTHEST = 1.0
 """Spreads by which the middle moves at most in one step, and the logarithm of the factor by which the spread changes."""
 HALVED = (1.0, 0.5, 0.25, 0.125)
 """Parts of a step that are tried in turn."""
-MOST = 8
+MOST = 12
 """Most steps: each costs four answers to unit heats."""
 OF_ITS_ERROR = 0.1
-"""Part of their standard errors to which a step of middle and spread has come down where they are found."""
+"""Part of its standard error beside the other to which a step of middle or spread has come down where they are found."""
 
 
 def nearest(
@@ -39,40 +40,62 @@ def nearest(
 
         |r + J x + B q|^2 + lambda q^T R q
 
-    falls. Behind its hats stand columns of a middle that is 1 mm lower and of ln s, which the uncertainty of all others knows of; of ln s
-    none where the spread is the least. `weight`: lambda; `least`: the least spread in mm."""
+    falls. No step goes farther than FARTHEST, nor the spread below the least. Where it is held up there the middle goes where it fits best
+    beside it: of a spread that the mesh hardly shows a free step is no direction. Behind its hats stand columns of a middle that is 1 mm
+    lower and of ln s, which the uncertainty of all others knows of; of ln s none where it would go below the least. `weight`: lambda;
+    `least`: the least spread in mm."""
 
     hat = hats(grid)
     q, _, square = with_parameters(known, hat, weight)
     for turn in range(MOST + 1):
-        both = _with_place(hats, hat, q, least)
+        both = _with_place(hats, hat, q)
         moved, posterior, _ = with_parameters(known, both, weight)
-        step = moved[len(hat.chosen) :]
-        near = np.abs(step) <= OF_ITS_ERROR * np.sqrt(np.diag(posterior)[-len(step) :])
-        if near.all() or turn == MOST:
+        m = len(hat.chosen)
+        if not np.diag(posterior)[m:].all():
+            break  # what has no power has no place
+        step, near = _within(moved[m:], posterior[m:, m:], _room(hat.grid, least))
+        if near or turn == MOST:
             break
-        tried = (hats(_moved(hat.grid, part * step, least)) for part in HALVED)
+        tried = (hats(_moved(hat.grid, part * step)) for part in HALVED)
         ends = ((one, with_parameters(known, one, weight)) for one in tried)
         found = next(((one, end) for one, end in ends if end[2] < square), None)
         if found is None:
             break
         hat, (q, _, square) = found
-    return field_of(known, both, rows, split, weight)
+    narrower = moved[-1] < _room(hat.grid, least)[0][1]
+    return field_of(known, _of_middle(both) if narrower else both, rows, split, weight)
 
 
-def _with_place(hats: Callable[[Grid], Basis], hat: Basis, q: np.ndarray, least: float) -> Basis:
+def _with_place(hats: Callable[[Grid], Basis], hat: Basis, q: np.ndarray) -> Basis:
     """The hats of a spot and, behind them, what their coefficients q (m,) do by its middle and its spread, to first order."""
     grid = hat.grid
     by = NEARBY * np.array([grid.spread, 1.0])
     ways = (replace(grid, y=grid.y - by[0]), replace(grid, spread=grid.spread * float(np.exp(by[1]))))
-    ends = ways if grid.spread > least else ways[:1]
-    own = [(hats(way).columns @ q - hat.columns @ q) / h for way, h in zip(ends, by, strict=False)]
-    free = np.zeros((len(own), len(own)))
-    return replace(hat, columns=np.column_stack([hat.columns, *own]), rough=block_diag(hat.rough, free))
+    own = [(hats(way).columns @ q - hat.columns @ q) / h for way, h in zip(ways, by, strict=True)]
+    return replace(hat, columns=np.column_stack([hat.columns, *own]), rough=block_diag(hat.rough, np.zeros((2, 2))))
 
 
-def _moved(grid: Grid, step: np.ndarray, least: float) -> Grid:
-    """The grid with its middle lower by the first number of a step, in mm, and ln s larger by the second, where there is one."""
-    lower = float(np.clip(step[0], -FARTHEST * grid.spread, FARTHEST * grid.spread))
-    wider = float(np.exp(np.clip(step[1], -FARTHEST, FARTHEST))) if len(step) > 1 else 1.0
-    return replace(grid, y=grid.y - lower, spread=max(grid.spread * wider, least))
+def _of_middle(both: Basis) -> Basis:
+    """The same without what the spread does."""
+    return replace(both, columns=both.columns[:, :-1], rough=both.rough[:-1, :-1])
+
+
+def _room(grid: Grid, least: float) -> Room:
+    """How far (2,) the middle of a spot goes in a step at most, in mm and lower, and ln s, either way."""
+    farthest = FARTHEST * np.array([grid.spread, 1.0])
+    return np.array([-farthest[0], max(-farthest[1], float(np.log(least / grid.spread)))]), farthest
+
+
+def _within(step: np.ndarray, covariance: np.ndarray, room: Room) -> tuple[np.ndarray, bool]:
+    """The step (k,) within a room that is nearest to a free one, by its covariance (k, k), and whether it is a small part of the standard
+    error that each variable has beside the others."""
+    size = np.sqrt(np.diag(covariance))
+    known = np.linalg.inv(covariance / np.outer(size, size))
+    root = np.linalg.cholesky(known).T
+    out = lsq_linear(root, root @ (step / size), (room[0] / size, room[1] / size)).x
+    return out * size, bool(np.all(np.abs(out) * np.sqrt(np.diag(known)) <= OF_ITS_ERROR))
+
+
+def _moved(grid: Grid, step: np.ndarray) -> Grid:
+    """The grid with its middle lower by the first number of a step, in mm, and ln s larger by the second."""
+    return replace(grid, y=grid.y - float(step[0]), spread=grid.spread * float(np.exp(step[1])))

@@ -66,6 +66,12 @@ def second_in_words(likelihood: Mapping[str, float]) -> str:
     return f"standard errors hold that there may be another history beside it: {kinds}"
 
 
+def held_in_words(held: Mapping[str, float]) -> str:
+    """Which exponents of added laws are held beside an unlisted term; empty where none is."""
+    values = ", ".join(f"{n} = {v:.3g}" for n, v in held.items())
+    return f"{values}: held beside it; standard errors hold what other values would change" if held else ""
+
+
 def steps_in_words(said: Mapping[str, Any]) -> str:
     """When an unlisted term is switched, and by how much."""
     return ", ".join(f"{one['amount']:+.3g} {said['unit']} at {one['time_s']:.4g} s" for one in said["steps"])

@@ -102,7 +102,14 @@ def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | N
     fitted = here.case.parameters
     rows = {n: {"value": v, "sigma": beside.sigma[n], "unit": param(n).unit, "joint_fit": fitted[n]} for n, v in beside.value.items()}
     spot = None if beside.spot is None else {"y_mm": beside.spot.y, "spread_mm": beside.spot.spread}
-    return {"values": rows, "failed": beside.failed, "spot": spot, "no_spot": beside.no_spot, "second": dict(beside.second)}
+    return {
+        "values": rows,
+        "failed": beside.failed,
+        "spot": spot,
+        "no_spot": beside.no_spot,
+        "second": dict(beside.second),
+        "held": dict(beside.held),
+    }
 
 
 def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[str, Any]:

@@ -93,7 +93,12 @@ def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(
         **{
             "before": {"held_out": {}},
             "after": {"held_out": {}},
-            "parameters": {"values": rows, "failed": failed, "second": {"jaws": 0.02, "offset": offset}, "held": {"rate_power.m": 0.25} if offset else {}},
+            "parameters": {
+                "values": rows,
+                "failed": failed,
+                "second": {"jaws": 0.02, "offset": offset},
+                "held": {"rate_power.m": 0.25} if offset else {},
+            },
         },
     }
     out = StringIO()

@@ -92,18 +92,17 @@ def test_the_form_is_told_where_the_parameters_are(monkeypatch: pytest.MonkeyPat
     by_form = np.array([[0.3, 0.4], [0.0, 0.1]]) if added else np.zeros((2, 0))
     monkeypatch.setattr(module, "beside_term", lambda *_: known)
     monkeypatch.setattr(module, "histories", lambda *_: {})
-    monkeypatch.setattr(module, "_errors", lambda *_: np.zeros((RATE.size, 0)))
     monkeypatch.setattr(module, "second_histories", lambda *_: Second({}, np.zeros((2, 2))))
     monkeypatch.setattr(module, "moves_of_form", lambda *given: by_form if given[3] == added and given[2].parameters == told else None)
     told = case.parameters.replace(M_y0=118.5)
-    missing: Any = SimpleNamespace(parameters=told, field=term, structure=None, beside=added)
+    missing: Any = SimpleNamespace(parameters=told, field=term, structure=None, beside=added, settled=True, case=None)
     found = beside_one_place(case, missing)
     assert found.value == {"M_y0": 118.5, "rate_power.K": 6.0}
     assert found.sigma["M_y0"] == pytest.approx(np.hypot(term.uncertainty[0], 0.5 if added else 0.0))
     assert found.form == (TOLD_ANEW if added else ()) and set(found.held) == ({"rate_power.m", "rate_power.reference"} if added else set())
     parts = {cause: np.array([[size], [0.0]]) for cause, size in ((EXPONENTS, 7.0), (SLOWER_RATES, 9.0), (OTHER_FORM, 2.0))}
-    monkeypatch.setattr(module, "_beside", lambda *_: found)
-    whole = beside_source(None, None, Budget(("M_y0", "rate_power.K"), parts, np.zeros(2, dtype=bool)))  # type: ignore[arg-type]
+    here: Any = SimpleNamespace(case=case)
+    whole = beside_source(here, missing, Budget(("M_y0", "rate_power.K"), parts, np.zeros(2, dtype=bool)))
     assert isinstance(whole, BesideSource)
     more = 2.0 if added else np.linalg.norm([7.0, 9.0, 2.0])
     assert (

@@ -113,11 +113,11 @@ def test_exponents_that_do_not_settle_are_held(exponents: bool, cheap: bool, set
         most_of.append(most)
         worths.append(worth)
         end = start.replace(**{NAME: 2e-5}) if NAME in start.free else start
-        return end, SimpleNamespace(converged=settles or NAME not in start.free, sigma=None)
+        return end, SimpleNamespace(converged=settles or NAME not in start.free, sigma=None, f=110.0)
 
     monkeypatch.setattr(JointFit, "minimised_on", minimised)
     monkeypatch.setattr(refit, "covariance_of", lambda model, fit: (None, ""))
-    model: Any = SimpleNamespace(cheap=cheap)
+    model: Any = SimpleNamespace(cheap=cheap, comparisons=[SimpleNamespace(n=60), SimpleNamespace(n=40)])
     fitting = JointFit(SimpleNamespace(slots=Slots()), SimpleNamespace(), model, SimpleNamespace())  # type: ignore[arg-type]
     start = Parameters.of({"E": 7e4, "rate_logarithmic.C": 0.01, NAME: 1e-4}, ("E", "rate_logarithmic.C", NAME))
     found, fit = fitting(start, label, exponents=exponents)
@@ -130,6 +130,37 @@ def test_exponents_that_do_not_settle_are_held(exponents: bool, cheap: bool, set
     else:
         assert fits[1:] == [(("E", "rate_logarithmic.C"), f"{label} held")]
         assert found.free == ("E", "rate_logarithmic.C") and fit.converged
+
+
+@pytest.mark.parametrize(
+    ("drawn", "held", "where"),
+    [(500.0, 510.0, 1e-4), (500.0, 2000.0, 2e-5), (115.0, 118.0, 2e-5)],
+    ids=["the way explains nothing", "it explains most", "little is left"],
+)
+@pytest.mark.parametrize("name", [NAME, "lamp.start"])
+def test_exponents_that_temperatures_have_drawn_are_held_where_displacements_had_them(
+    drawn: float, held: float, where: float, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit that does not settle is made again from its start where temperatures leave more than noise, unless the way explains half of
+    what is left from there. Exponents that temperatures alone show are held where it has come to."""
+    fits: list[str] = []
+
+    def minimised(self: JointFit, start: Parameters, model: Any, label: str, most: int, worth: float = 0.0) -> tuple[Parameters, Any]:
+        fits.append(label)
+        if name in start.free:
+            return start.replace(**{name: 2e-5}), SimpleNamespace(converged=False, sigma=None, f=drawn)
+        return start, SimpleNamespace(converged=True, sigma=None, f=held if start[name] == 1e-4 else drawn)
+
+    monkeypatch.setattr(JointFit, "minimised_on", minimised)
+    monkeypatch.setattr(refit, "covariance_of", lambda model, fit: (None, ""))
+    model: Any = SimpleNamespace(cheap=False, comparisons=[SimpleNamespace(n=60), SimpleNamespace(n=40)])
+    fitting = JointFit(SimpleNamespace(slots=Slots()), SimpleNamespace(), model, SimpleNamespace())  # type: ignore[arg-type]
+    found, fit = fitting(Parameters.of({"E": 7e4, name: 1e-4}, ("E", name)), "rate")
+    of_motion = name == NAME
+    assert found[name] == (where if of_motion else 2e-5) and found.free == ("E",) and fit.converged
+    again = of_motion and drawn > 120.0
+    assert fits == ["rate", *(["rate held at its start"] if again else []), *([] if again and where == 1e-4 else ["rate held"])]
+    assert ((name, 1e-4) in fitting.told) == again, "from there they are not looked for again"
 
 
 def test_how_well_an_exponent_is_known_is_asked_of_errors_that_know_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +183,7 @@ def test_how_well_an_exponent_is_known_is_asked_of_errors_that_know_the_noise(mo
 
     monkeypatch.setattr(JointFit, "minimised_on", minimised)
     monkeypatch.setattr(refit, "covariance_of", spread)
-    model: Any = SimpleNamespace(cheap=False)
+    model: Any = SimpleNamespace(cheap=False, comparisons=[SimpleNamespace(n=100)])
     fitting = JointFit(SimpleNamespace(slots=Slots()), SimpleNamespace(), model, SimpleNamespace())  # type: ignore[arg-type]
     found, fit = fitting(Parameters.of({"E": 7e4, NAME: 1e-4}, ("E", NAME)), "rate")
     assert fits == ["rate", "rate held"] and found.free == ("E",)

@@ -239,7 +239,7 @@ def test_exponents_of_a_law_are_held_where_nothing_settles_beside_them(
         asked.append(there)
         return answers[len(asked) - 1]
 
-    monkeypatch.setattr(module, "_fitted_spot", fitted_spot)
+    monkeypatch.setattr(module, "fitted_spot", fitted_spot)
     with_law = replace(here, case=at, problem=replace(here.problem, model=model))
     assert as_spot(with_law, found) == answers[1 if held else 0]
     last = asked[-1]

@@ -68,6 +68,8 @@ valley, a fit may crawl along it for as long as it is let."""
 IN_THE_VALLEY = 1.2
 """Mean square of the temperatures over that of their noise at the end of a refit on a known motion, up to which no other start is tried.
 A wrong valley (a contact that conducts nothing) leaves many times the noise."""
+HALF = 0.5
+"""Part of what a fit with exponents held where it began leaves beyond noise that the way of an unsettled one has to explain."""
 SETTLED = 0.5
 """Fall of the objective, in units of the noise, that ends a fit of all together: it is then within a standard error of its optimum."""
 
@@ -220,13 +222,27 @@ class JointFit:
         vague = () if self.model.cheap else undetermined_exponents(parameters, fit)
         self.told.update((n, parameters[n]) for n in parameters.free if param(n).scan)
         if vague:
-            # Free exponents that the data do not determine make a valley in which every later fit crawls: they are held where they are. A fit
-            # that has not settled went as far along it as it was let, or as another channel drew it: of exponents that displacements show it
-            # is made again from its start, where displacements alone have them.
-            begin = start if not (fit.converged or acting_on_temperatures(vague)) else parameters
-            held = begin.with_free(tuple(name for name in parameters.free if name not in vague))
+            drawn = self._drawn(start, vague, fit, label, most)
+            if drawn is not None:
+                return drawn
+            # Free exponents that the data do not determine make a valley in which every later fit crawls: they are held where they are.
+            held = parameters.with_free(tuple(name for name in parameters.free if name not in vague))
             parameters, fit = self._with_errors(*self.minimised_on(held, self.model, f"{label} held", most))
         return parameters, fit
+
+    def _drawn(
+        self, start: Parameters, vague: tuple[str, ...], fit: FitResult, label: str, most: int
+    ) -> tuple[Parameters, FitResult] | None:
+        """The optimum with exponents that displacements show held where a fit that did not settle began: what temperatures leave besides
+        has drawn them along their valley, and displacements alone had them there. None where temperatures leave little, or the way explains
+        HALF of what is left from there: then it belongs to the data."""
+        noise = sum(c.n for c in self.model.comparisons)
+        if fit.converged or acting_on_temperatures(vague) or fit.f <= IN_THE_VALLEY * noise:
+            return None
+        held = start.with_free(tuple(name for name in start.free if name not in vague))
+        parameters, there = self._with_errors(*self.minimised_on(held, self.model, f"{label} held at its start", most))
+        self.told.update((n, start[n]) for n in vague)
+        return None if there.f - fit.f > HALF * (there.f - noise) else (parameters, there)
 
     def _with_errors(self, parameters: Parameters, fit: FitResult) -> tuple[Parameters, FitResult]:
         """The end of a fit with standard errors that know how its noise hangs together."""

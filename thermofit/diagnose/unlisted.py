@@ -607,10 +607,10 @@ def as_spot(here: Traced, found: Unlisted) -> tuple[Unlisted | None, str]:
     if grid is None or found.field.basis.grid.places == 1:
         return None, ""
     grid = replace(grid, y=np.array([place.centroid[1]]), spread=max(place.extent[1], grid.spread))
-    spot, why = _fitted_spot(here, found, grid)
+    spot, why = fitted_spot(here, found, grid)
     exponents = tuple(n for n in here.case.parameters.free if param(n).scan)
     held = [n for n in exponents if n not in acting_on_temperatures(exponents)]
-    return _fitted_spot(holding(here, held), found, grid) if held and why == UNSETTLED else (spot, why)
+    return fitted_spot(holding(here, held), found, grid) if held and why == UNSETTLED else (spot, why)
 
 
 def holding(here: Traced, names: Sequence[str]) -> Traced:
@@ -621,8 +621,8 @@ def holding(here: Traced, names: Sequence[str]) -> Traced:
     return replace(here, case=case, problem=replace(here.problem, model=here.problem.model.only(kept)))
 
 
-def _fitted_spot(here: Traced, found: Unlisted, grid: Grid) -> tuple[Unlisted | None, str]:
-    """The same, from the spot of a grid."""
+def fitted_spot(here: Traced, found: Unlisted, grid: Grid) -> tuple[Unlisted | None, str]:
+    """An unlisted heat as one spot, from that of a grid, with the parameters fitted beside it; None where they are not told, and why."""
     structure = found.structure
     apart, _ = undriven(here, structure)
     hat = _every_hat(apart.case, structure, "heat", grid)

@@ -28,7 +28,6 @@ RATE = np.geomspace(1e-3, 4e-3, 200)
 NOISE = 0.02
 VALUES = {"M_y0": 120.0, "rate_power.K": 6.0, "rate_power.m": 0.5, "rate_power.reference": 3e-4}
 NAMES = ("M_y0", "rate_power.K", "rate_power.m", "rate_power.reference")
-SCALE = np.array([1.0, 1.0, 1e-2, 1e-6])
 
 
 def stress(x: np.ndarray) -> np.ndarray:
@@ -63,7 +62,7 @@ def test_held_exponents_and_slower_rates_move_what_is_told_beside_a_term() -> No
     """Against the steps that the same errors of the data make beside the term: exponents as far as data and term leave them unknown, from
     where they are held, and half of the overstress at the slowest rate."""
     known, term, case = made(("M_y0", "rate_power.K"))
-    found = moves_of_form(known, term, case, ("rate_power",))
+    found, untold = moves_of_form(known, term, case, ("rate_power",))
     whole = with_term(known, term)
     more = len(whole.residual) - RATE.size
     exponents = ("rate_power.m", "rate_power.reference")
@@ -74,14 +73,23 @@ def test_held_exponents_and_slower_rates_move_what_is_told_beside_a_term() -> No
     overstress = 6.0 * ((1.0 + RATE[int(0.05 * RATE.size)] / 3e-4) ** 0.5 - 1.0)
     assert abs(found[0, 2]) == pytest.approx(0.5 * overstress / np.sqrt(3.0), rel=0.25)
     sigma = np.sqrt(term.uncertainty[0] ** 2 + np.sum(found[0] ** 2))
-    assert abs(VALUES["M_y0"] + term.step[0] - 118.0) < 3.0 * sigma
-    assert moves_of_form(known, term, case, ()).shape == (2, 0), "nothing was added"
+    off = abs(VALUES["M_y0"] + term.step[0] - 118.0)
+    assert 3.0 * term.uncertainty[0] < off < 3.0 * sigma
+    assert untold == () and moves_of_form(known, term, case, ())[0].shape == (2, 0), "nothing was added"
+
+
+def test_what_is_not_told_of_a_law_is_said() -> None:
+    """Of a straight line no exponent shifts the overstress at all rates: what it says below the slowest one counts as exact."""
+    known, term, case = made(("M_y0", "rate_power.K"))
+    straight = case.parameters.replace(**{"rate_power.m": 1.0, "rate_power.reference": 1.0})
+    found, (said,) = moves_of_form(known, term, replace(case, parameters=straight), ("rate_power",))
+    assert found.shape == (2, 2) and said.startswith("what rate_power says below ") and "counts as exact" in said
 
 
 def test_exponents_that_are_fitted_do_not_take_up_the_shift() -> None:
     """What a law says below the slowest rate would else be what its reference rate does, and move nothing besides."""
     known, term, case = made(NAMES)
-    found = moves_of_form(known, term, case, ("rate_power",))
+    found, _ = moves_of_form(known, term, case, ("rate_power",))
     assert found.shape == (4, 1) and np.all(found[2:] == 0.0) and abs(found[0, 0]) > 0.5
 
 
@@ -93,11 +101,13 @@ def test_the_form_is_told_where_the_parameters_are(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(module, "beside_term", lambda *_: known)
     monkeypatch.setattr(module, "histories", lambda *_: {})
     monkeypatch.setattr(module, "second_histories", lambda *_: Second({}, np.zeros((2, 2))))
-    monkeypatch.setattr(module, "moves_of_form", lambda *given: by_form if given[3] == added and given[2].parameters == told else None)
+    monkeypatch.setattr(
+        module, "moves_of_form", lambda *given: (by_form, ("not told",)) if given[3] == added and given[2].parameters == told else None
+    )
     told = case.parameters.replace(M_y0=118.5)
     missing: Any = SimpleNamespace(parameters=told, field=term, structure=None, beside=added, settled=True, case=None)
     found = beside_one_place(case, missing)
-    assert found.value == {"M_y0": 118.5, "rate_power.K": 6.0}
+    assert found.value == {"M_y0": 118.5, "rate_power.K": 6.0} and found.untold == ("not told",)
     assert found.sigma["M_y0"] == pytest.approx(np.hypot(term.uncertainty[0], 0.5 if added else 0.0))
     assert found.form == (TOLD_ANEW if added else ()) and set(found.held) == ({"rate_power.m", "rate_power.reference"} if added else set())
     parts = {cause: np.array([[size], [0.0]]) for cause, size in ((EXPONENTS, 7.0), (SLOWER_RATES, 9.0), (OTHER_FORM, 2.0))}

@@ -551,3 +551,21 @@ def test_a_channel_that_neither_explains_tells_nothing_of_which_is_right(unexpla
     right, other = ended(0.0, 0.05), ended(0.45, -0.05)
     assert discriminated(right, other) and discriminated(other, right)
     assert not discriminated(right, ended(0.0, -0.05)), "the same"
+
+
+def test_a_channel_that_leaves_less_than_its_noise_counts_no_more_for_it() -> None:
+    """Displacements are noise in both refits, and differ by chance; of temperatures both leave a hundredth of the noise, one less."""
+    n = 4000
+    draw = np.random.default_rng(4)
+    channel, time = np.repeat([0, 1], n), np.tile(np.linspace(0.0, 100.0, n), 2)
+    rows = Rows(channel, time, np.zeros((2 * n, 2)), np.zeros(2 * n, dtype=int))
+    split = Split((time < 50.0, time >= 50.0), (np.zeros(2 * n, dtype=bool),) * 2, "halves")
+    noise, chance = draw.normal(size=2 * n), np.repeat(draw.normal(size=n // 40), 40)
+
+    def ended(by_chance: float, temperatures: float) -> Any:
+        left = np.concatenate([noise[:n] * (1.0 + by_chance * chance), temperatures * noise[n:]])
+        model = LinearModel(left, np.zeros((2 * n, 0)))
+        return SimpleNamespace(rows=rows, split=split, problem=SimpleNamespace(model=model), columns=SimpleNamespace(residual=left))
+
+    assert not discriminated(ended(0.05, 0.01), ended(-0.05, 0.012))
+    assert discriminated(ended(0.05, 1.0), ended(-0.05, 1.2)), "as it does where they are of the size of the noise"

@@ -74,6 +74,15 @@ def test_the_middle_is_found_where_the_spread_is_not_shown(truth: float, spread:
     assert found.basis.grid.y[0] == pytest.approx(best, abs=0.02)
 
 
+def test_a_search_that_was_cut_short_has_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A spread that would fall by more than one step lets it is fitted all the same: its step says how far off it is."""
+    monkeypatch.setattr("thermofit.diagnose.unlisted_spot.MOST", 0)
+    model, rows, split = seen(7.3, 1.5)
+    found = nearest(model, hats_at, replace(GRID, y=np.array([7.3]), spread=20.0), rows, split, weight=1e-3, least=0.1)
+    m = GRID.size
+    assert found.basis.columns.shape[1] == m + 2 and found.q[-1] < -1.0 and found.basis.grid.spread == 20.0
+
+
 def test_a_spot_grows_again_from_the_least() -> None:
     """Where it began, or where errors of the mesh had held it."""
     model, rows, split = seen(7.3, 3.0)

@@ -245,13 +245,19 @@ def test_phases_of_both_models_stand_side_by_side(run: Path) -> None:
 def test_parameters_beside_an_unlisted_heat_are_on_the_page(tmp_path: Path) -> None:
     values = {"kappa": {"value": 141.5, "sigma": 2.5, "unit": "mW/(mm K)", "joint_fit": 97.25}}
     unlisted = {"channel": "dtheta", "where": None, "when_s": None, "excess_share": 0.1, "parameters": None}
-    beside = {"values": values, "failed": "", "second": {"jaws": 0.6, "offset": 0.01}, "held": {"rate_power.m": 0.25}}
+    beside = {
+        "values": values,
+        "failed": "",
+        "second": {"jaws": 0.6, "offset": 0.01},
+        "held": {"rate_power.m": 0.25},
+        "untold": ["it counts as exact"],
+    }
     told, failed, alone = (tmp_path / name for name in ("told", "failed", "alone"))
     made.whole_run(told, unlisted={**unlisted, "parameters": beside}, trustworthy=False)
     _, page, _ = page_of(told)
     second = "standard errors hold that there may be another history beside it: a change of the temperature of the jaws"
     held = "rate_power.m = 0.25: held beside it; standard errors hold what other values would change"
-    assert second in page.texts["p"] and held in page.texts["p"]
+    assert second in page.texts["p"] and held in page.texts["p"] and "it counts as exact" in page.texts["p"]
     assert "Parameters beside it" in page.texts["h3"] and {"141.5", "2.5", "97.25"} <= set(page.texts["td"]) and page.wrong == []
     made.whole_run(failed, unlisted={**unlisted, "parameters": {"values": {}, "failed": "a run failed", "second": {}}}, trustworthy=False)
     _, page, _ = page_of(failed)

@@ -557,7 +557,7 @@ def _effect_parameters(console: Console, beside: Mapping[str, Any] | None) -> No
     for name, row in beside["values"].items():
         table.add_row(name, f"{number(row['value'], 4)} +- {row['sigma']:.1g}", number(row["joint_fit"], 4), row["unit"])
     console.print(table)
-    for words in filter(None, (second_in_words(beside["second"]), held_in_words(beside["held"]))):
+    for words in filter(None, (second_in_words(beside["second"]), held_in_words(beside["held"]), *beside["untold"])):
         console.print(words, soft_wrap=True)
 
 

@@ -22,26 +22,28 @@ from thermofit.fit.budget import moves
 from thermofit.fit.linear_model import LinearModel
 
 
-def moves_of_form(known: LinearModel, term: MissingField, case: Case, accepted: Sequence[str]) -> np.ndarray:
+def moves_of_form(known: LinearModel, term: MissingField, case: Case, accepted: Sequence[str]) -> tuple[np.ndarray, tuple[str, ...]]:
     """How far (p, k) things of unit variance in the form of accepted effects move the fitted parameters of a case beside a term with its
-    lambda; `known`: the linear model of these parameters where they are. NumericsError where a run fails."""
+    lambda, and in words what of it is not told; `known`: the linear model of these parameters where they are. NumericsError where a run
+    fails."""
     names, whole = case.parameters.free, with_term(known, term)
-    found = [np.zeros((len(names), 0))]
+    found, untold = [np.zeros((len(names), 0))], list[str]()
 
     def moved(columns: np.ndarray, but: Sequence[str] = ()) -> np.ndarray:
         stay = np.concatenate([np.isin(names, but), np.zeros(whole.columns.shape[1] - len(names), dtype=bool)])
         return moves(whole, _longer(columns, whole), stay)[: len(names)]
 
-    held = held_at(case, accepted)
-    if held:
+    if held := held_at(case, accepted):
         columns = columns_of(held)
-        known_so_far = known_to(whole, _longer(columns, whole), np.ones(len(held)))
+        known_so_far = known_to(whole, _longer(columns, whole), np.ones(columns.shape[1]))
         found.append(moved(columns @ np.linalg.cholesky(known_so_far)))
     for law in laws_of_rate(case, accepted):
         told = told_at(case, law)
-        if not isinstance(told, str):  # a remark on the joint fit says why it is not
+        if isinstance(told, str):
+            untold.append(told)
+        else:
             found.append(moved(told.column, [p.name for p in law.exponents]))
-    return np.concatenate(found, axis=1)
+    return np.concatenate(found, axis=1), tuple(untold)
 
 
 def _longer(columns: np.ndarray, model: LinearModel) -> np.ndarray:

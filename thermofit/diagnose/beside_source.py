@@ -64,6 +64,8 @@ class BesideSource:
     """Exponents of added laws that are held beside it, in the unit of each."""
     form: tuple[str, ...] = ()
     """Causes of doubt in the form of what was added that the standard errors hold already."""
+    untold: tuple[str, ...] = ()
+    """What of them they do not hold, in words."""
 
 
 def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None = None) -> BesideSource | None:
@@ -132,7 +134,7 @@ def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:
         errors = _errors(case, parameters, columns)
         known = beside_term(LinearModel(residual, columns), case, parameters, term)
         others = histories(there, missing.structure, term)
-        form = moves_of_form(known, term, there, missing.beside)
+        form, untold = moves_of_form(known, term, there, missing.beside)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
     second = second_histories(known, term, others)
@@ -146,6 +148,7 @@ def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:
         second=second.likelihood,
         held=held,
         form=TOLD_ANEW if missing.beside else (),
+        untold=untold,
     )
 
 

@@ -48,11 +48,12 @@ def with_held_exponents(closed: Closed) -> Closed:
     here, fit = closed.last, closed.fit
     if fit.covariance is None or fit.jacobian is None:
         return closed
-    every = held_at(here.case, closed.accepted)
-    if not every:
+    held = held_at(here.case, closed.accepted)
+    every = {name: case for case, names in held for name in names}
+    if not held:
         return closed
     try:
-        columns = columns_of(every)
+        columns = columns_of(held)
     except NumericsError as error:
         return replace(
             closed, remarks=(*closed.remarks, f"{', '.join(every)} count as exact: the run of their derivatives failed ({error})")
@@ -63,22 +64,22 @@ def with_held_exponents(closed: Closed) -> Closed:
     return replace(closed, remarks=(*closed.remarks, *_in_words(every, fit, doubtful)))
 
 
-def held_at(case: Case, accepted: Sequence[str]) -> dict[str, Case]:
+Held = list[tuple[Case, tuple[str, ...]]]
+"""Exponents that are held, each group with the case in which it is moved."""
+
+
+def held_at(case: Case, accepted: Sequence[str]) -> Held:
     """The exponents that are held where the parameters of a case are, beside accepted effects, and those of laws that are more general than
-    one of these: each with the case in which it is moved."""
+    one of these."""
     held = held_exponents(case.parameters) if accepted else ()
-    at = [(case, held)] if held else []
-    at += [(replace(case, parameters=there), names) for there, names in more_general(case, accepted)]
-    return {name: own for own, names in at for name in names}
+    general = [(replace(case, parameters=there), names) for there, names in more_general(case, accepted)]
+    return [*([(case, held)] if held else []), *general]
 
 
-def columns_of(held: Mapping[str, Case]) -> np.ndarray:
+def columns_of(held: Held) -> np.ndarray:
     """What one standard error of each exponent, before its data speak, makes of the residual (n, k). NumericsError where a run fails."""
-    groups: dict[int, list[str]] = {}
-    for name, case in held.items():
-        groups.setdefault(id(case), []).append(name)
-    columns = [held[names[0]].model.linearised(held[names[0]].parameters, tuple(names))[1] for names in groups.values()]
-    return np.concatenate(columns, axis=1) * np.array([spread_of(name, held[name]) for names in groups.values() for name in names])
+    groups = [case.model.linearised(case.parameters, names)[1] * [spread_of(n, case) for n in names] for case, names in held]
+    return np.concatenate(groups, axis=1)
 
 
 def more_general(case: Case, accepted: Sequence[str]) -> list[tuple[Parameters, tuple[str, ...]]]:

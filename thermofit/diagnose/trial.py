@@ -461,9 +461,10 @@ def ends_of(names: Sequence[str], parameters: Parameters, fit: FitResult) -> dic
 def discriminated(one: Traced, other: Traced, sure: float = SURE) -> bool:
     """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors. A channel counts by what
     the better of the two leaves there, at least its noise: where both leave what neither explains, it tells nothing of which is right."""
-    ends = {id(t): held_out_of(t) * _told_by(one, other) for t in (one, other)}
+    weight = _told_by(one, other)
+    ends = {id(t): held_out_of(t) * weight for t in (one, other)}
     worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))
-    left = better.columns.residual * _told_by(one, other)
+    left = better.columns.residual * weight
     found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.model.noise, left)
     return found.gain > sure * found.sigma
 

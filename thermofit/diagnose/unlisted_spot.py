@@ -62,7 +62,7 @@ def nearest(
         if found is None:
             break
         hat, (q, _, square) = found
-    narrower = moved[-1] < _room(hat.grid, least)[0][1]
+    narrower = hat.grid.spread * np.exp(moved[-1]) < least
     return field_of(known, _of_middle(both) if narrower else both, rows, split, weight)
 
 

@@ -96,7 +96,8 @@ def _balance(found: Unlisted, local: Mapping[str, Any] | None) -> str:
 def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | None:
     """Parameters beside an unlisted heat, and as the joint fit has them, and the one spot that this was taken for (null: it was not, and
     `no_spot` says why; `spread_mm` null: it is less than the mesh shows). `second`: how likely each other kind of history is beside the one
-    that is told. None where that is not asked."""
+    that is told; `held`: exponents of added laws that are held beside it; `untold`: what of the form of such laws standard errors do not
+    hold. None where that is not asked."""
     if beside is None:
         return None
     fitted = here.case.parameters
@@ -109,6 +110,7 @@ def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | N
         "no_spot": beside.no_spot,
         "second": dict(beside.second),
         "held": dict(beside.held),
+        "untold": list(beside.untold),
     }
 
 

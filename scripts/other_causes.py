@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 import yaml
 from mutations import sources
+from scipy.ndimage import gaussian_filter1d
 
 import thermofit
 
@@ -59,11 +60,17 @@ class Cause:
     on: tuple[str, ...] = ()
 
 
-def _source(place: float, width: float, over_time: str) -> str:
+def _source(place: float | str, width: float, over_time: str) -> str:
     return (
         "def heat_source(theta, accumulated, rate, time, x, y, amount):\n"
         f"    return amount * np.exp(-0.5 * ((y - {place}) / {width}) ** 2) * ({over_time}) + 0.0 * theta\n"
     )
+
+
+def _slid(theta: np.ndarray, y: np.ndarray, time: float, amount: float) -> np.ndarray:
+    """An image of which the camera has slid along the specimen, by `amount` mm in 400 s; pixels keep their noise."""
+    seen, down = gaussian_filter1d(theta, 2.0, axis=0), -y[:, 0]
+    return theta + np.apply_along_axis(lambda column: np.interp(down - amount * time / 400.0, down, column), 0, seen) - seen
 
 
 _PULSE = "0.5 * (np.tanh((time - {0}) / 1.5) - np.tanh((time - {1}) / 1.5))"
@@ -151,6 +158,31 @@ CAUSES: dict[str, Cause] = {
     "dic-drifts": Cause(
         DIC, lambda u, y, time, amount: u * (1.0 + amount * time / 400.0), ("dic_scale", "dic_out_of_plane", "bending"), MOTION
     ),
+    "moving-source": Cause("heat_source", _source("(0.12 * time - 14.0)", 2.6, _PULSE.format(40.0, 200.0)), ("local_source",), HEAT),
+    "jaws-step": Cause(
+        "boundary_temperature",
+        "def boundary_temperature(y, time, elapsed, amount):\n"
+        "    return amount * 0.5 * (1.0 + np.tanh((elapsed - 90.0) / 3.0)) + 0.0 * y\n",
+        _JAWS,
+        HEAT,
+        ("clamp",),
+    ),
+    "camera-slides": Cause(IR, _slid, ("ir_registration",), HEAT),
+    "emissivity-fades": Cause(
+        IR, lambda theta, y, time, amount: theta - amount * (theta - 296.7) * time / 400.0, ("ir_emissivity", "ir_gain"), HEAT
+    ),
+    "hardening-gives-way": Cause(
+        "yield_stress",
+        "def yield_stress(accumulated, rate, theta, law, amount):\n    return -amount * (1.0 - np.exp(-((accumulated / 0.1) ** 4)))\n",
+        _LAWS,
+        MOTION,
+    ),
+    "dic-distorts": Cause(
+        DIC,
+        lambda u, y, time, amount: u * (1.0 + amount * (y / 20.0) ** 2),
+        ("dic_scale", "dic_tilt", "dic_out_of_plane", "bending"),
+        MOTION,
+    ),
 }
 RUNS: dict[str, dict[str, float]] = {
     "pulse-source": {"pulse-source": 0.25},
@@ -178,6 +210,13 @@ RUNS: dict[str, dict[str, float]] = {
     "one jaw and ramp": {"one-jaw": 1.5, "ramp-source": 0.12},
     "rate, lamp pulse, camera step": {"rate-by-arsinh": 5.0, "lamp-pulse": 0.008, "camera-steps": 0.15},
     "bump, air step, warm grip": {"yield-bump": 8.0, "air-step": 1.5, "warm-grip": 0.5},
+    "moving-source": {"moving-source": 0.25},
+    "jaws-step": {"jaws-step": 1.2},
+    "camera-slides": {"camera-slides": 0.4},
+    "emissivity-fades": {"emissivity-fades": 0.03},
+    "hardening-gives-way": {"hardening-gives-way": 8.0},
+    "dic-distorts": {"dic-distorts": 0.003},
+    "camera slides, jaws step": {"camera-slides": 0.4, "jaws-step": 1.2},
 }
 """What is planted in each run, and how much of it."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from thermofit.effects import catalogue
@@ -46,6 +47,16 @@ def test_causes_of_cameras_change_what_they_wrote(study: Any, tmp_path: Path) ->
     study.change_raw(tmp_path, study.CAUSES["dic-drifts"], 0.1)
     lines = (tmp_path / "dic" / "stage_0001.csv").read_text(encoding="ascii").splitlines()
     assert lines[:2] == stage.splitlines()[:2] and lines[2] == "7,1.5,-20,0.6,0.105,2.1,0.0105"
+
+
+def test_a_camera_that_slides_shows_its_neighbours_and_keeps_its_noise(study: Any) -> None:
+    """A gradient of 0.1 K/mm seen from 0.4 mm further on, and what one pixel alone has stays in it."""
+    y = 0.3 * (20.0 - np.arange(41.0))[:, None]
+    smooth, noise = 300.0 + 0.1 * y + np.zeros((41, 2)), np.zeros((41, 2))
+    noise[20, 1] = 0.5
+    seen = study.CAUSES["camera-slides"].function(smooth + noise, y, 200.0, 0.8)
+    np.testing.assert_allclose(seen[12:-12, 0] - smooth[12:-12, 0], 0.1 * 0.4, atol=1e-9)
+    assert seen[20, 1] - seen[20, 0] > 0.4
 
 
 def test_families_are_effects_of_the_catalogue(study: Any) -> None:

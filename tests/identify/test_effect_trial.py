@@ -135,7 +135,15 @@ def test_unlisted_terms_pass(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("result", "said"),
-    [("abs(a) * accumulated", "loses the derivative by my_effect.a"), ("a + accumulated", "is not off at the neutral value")],
+    [
+        ("abs(a) * accumulated", "loses the derivative by my_effect.a"),
+        ("a + accumulated", "is not off at the neutral value"),
+        (
+            "a * np.arctan(accumulated)",
+            r"for eight points at once \(TypingError: .*'arctan'.*\); expected \+ - \* / \*\* and, of numpy, abs,",
+        ),
+        ("a * accumulated if rate > 0.0 else 0.0", r"does not compile"),
+    ],
 )
 def test_an_effect_of_the_law_is_tried_as_it_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, result: str, said: str) -> None:
     monkeypatch.setattr(user_effects, "CACHE_FOLDER", tmp_path)
@@ -143,6 +151,15 @@ def test_an_effect_of_the_law_is_tried_as_it_is_compiled(tmp_path: Path, monkeyp
     with pytest.raises(StudyError, match=said):
         user_effects.check_effects([path])
     assert not list(tmp_path.glob("tried_*")), "what is refused is asked for again"
+
+
+@pytest.mark.parametrize(
+    "result", ["a * np.tanh(accumulated / 0.1) ** 3", "a * np.arcsinh(rate) + a * accumulated**0.4", "a * 2.0**accumulated"]
+)
+def test_powers_and_hyperbolic_functions_compile_for_eight_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, result: str) -> None:
+    monkeypatch.setattr(user_effects, "CACHE_FOLDER", tmp_path)
+    user_effects.check_effects([written(tmp_path, "yield_stress", result)])
+    assert len(list(tmp_path.glob("tried_*"))) == 1
 
 
 def test_what_passed_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,8 +1,8 @@
 """Lanes: eight numbers that the processor handles as one, for instance the same component at the eight Gauss points of an element.
 
-Kernels calculate with lanes as with numbers: `+ - * /`, `** 2`, comparisons, sqrt, exp, log of `math` and of numpy. A formula
-of the law page or of `tensor` therefore serves a number and lanes alike; a number among lanes stands for eight equal ones. A comparison
-gives a mask, which no `if` takes: `where` chooses lane by lane, `any_lane` and `all_lanes` answer for all.
+Kernels calculate with lanes as with numbers: `+ - * / **`, comparisons, abs, sqrt, exp and log of `math`, and of numpy the functions
+OF_NUMPY. A formula of the law page or of `tensor` therefore serves a number and lanes alike; a number among lanes stands for eight equal
+ones. A comparison gives a mask, which no `if` takes: `where` chooses lane by lane, `any_lane` and `all_lanes` answer for all.
 
 Lanes live inside kernels only. They are LLVM's vector type, which it maps to the registers of any processor, and all operations are
 IEEE arithmetic: what a lane holds depends on neither the processor nor the other lanes.
@@ -150,11 +150,6 @@ _define_closed(operator.and_, MASK, 2, lambda builder, a, b: builder.and_(a, b))
 _define_closed(operator.or_, MASK, 2, lambda builder, a, b: builder.or_(a, b))
 
 
-@extending.overload(operator.pow, strict=False)
-def _square(a: Any, n: Any) -> Any:
-    return (lambda a, n: a * a) if a is LANES and getattr(n, "literal_value", None) == 2 else None
-
-
 @intrinsic
 def spread(typing: Any, number: Any) -> Any:
     """Lanes of eight equal numbers."""
@@ -293,17 +288,123 @@ def _logarithm(x: Lanes) -> Lanes:
     return where((x >= _SMALLEST) & (x < math.inf), value, math.nan)
 
 
-def _exp(x: Any) -> Any:
-    return (lambda x: _exponential(x)) if x is LANES else None
+@kernel
+def _exponential_less_one(x: Lanes) -> Lanes:
+    """exp x - 1 = 2^n (cosh r - 1 + sinh r) + (2^n - 1), |r| < ln 2 / 2, to the last digits also next to x = 0; x as for exp."""
+    x = where(x > _EXP_LIMIT, _EXP_LIMIT, where(x < -_EXP_LIMIT, -_EXP_LIMIT, x))
+    rounded = x * _LOG2_E + _ROUND
+    n = rounded - _ROUND
+    r = (x - n * _LN2_HIGH) - n * _LN2_LOW
+    s = r * r
+    scale = _power_of_two(rounded)
+    return scale * (s * _polynomial(_COSH[:-1], s) + r * _polynomial(_SINH, s)) + (scale - 1.0)
 
 
-def _sqrt(x: Any) -> Any:
+@kernel
+def _logarithm_of_more_than_one(x: Lanes) -> Lanes:
+    """ln(1 + x) = ln u + (x - (u - 1)) / u with u = 1 + x rounded, to the last digits also next to x = 0."""
+    u = 1.0 + x
+    return _logarithm(u) + (x - (u - 1.0)) / u
+
+
+@kernel
+def _hyperbolic_tangent(x: Lanes) -> Lanes:
+    """tanh x = m / (m + 2) with m = exp 2|x| - 1, and the sign of x."""
+    m = _exponential_less_one(2.0 * abs(x))
+    return where(x < 0.0, -(m / (m + 2.0)), m / (m + 2.0))
+
+
+@kernel
+def _hyperbolic_sine(x: Lanes) -> Lanes:
+    """sinh x = (m + m / (m + 1)) / 2 with m = exp |x| - 1, and the sign of x."""
+    m = _exponential_less_one(abs(x))
+    value = 0.5 * (m + m / (m + 1.0))
+    return where(x < 0.0, -value, value)
+
+
+@kernel
+def _hyperbolic_cosine(x: Lanes) -> Lanes:
+    """cosh x = (exp |x| + exp -|x|) / 2."""
+    e = _exponential(abs(x))
+    return 0.5 * (e + 1.0 / e)
+
+
+@kernel
+def _area_sine(x: Lanes) -> Lanes:
+    """arsinh x = ln(1 + |x| + x^2 / (1 + sqrt(1 + x^2))), and the sign of x."""
+    a = abs(x)
+    value = _logarithm_of_more_than_one(a + a * a / (1.0 + math.sqrt(1.0 + a * a)))
+    return where(x < 0.0, -value, value)
+
+
+@kernel
+def _whole_power(a: Lanes, n: int) -> Lanes:
+    """a^n of a whole number n, by squares."""
+    value, factor, left = 0.0 * a + 1.0, a, abs(n)
+    while left > 0:
+        if left % 2 == 1:
+            value = value * factor
+        factor = factor * factor
+        left = left // 2
+    return 1.0 / value if n < 0 else value
+
+
+@kernel
+def _real_power(a: Lanes, n: Lanes) -> Lanes:
+    """a^n = exp(n ln a) of a > 0; as of numbers 1 for n = 0 and nan for a < 0. Of a = 0, and of what has not all of its digits, it is 0 for
+    n > 0 and inf for n < 0."""
+    positive = _exponential(n * _logarithm(where(a >= _SMALLEST, a, 1.0)))
+    at_zero = where(n > 0.0, 0.0, math.inf)
+    value = where(a >= _SMALLEST, positive, where(a >= 0.0, at_zero, math.nan))
+    return where((n >= 0.0) & (n <= 0.0), 1.0, value)
+
+
+@extending.overload(operator.pow, strict=False)
+def _power(a: Any, n: Any) -> Any:
+    if not (a is LANES or n is LANES) or not (is_operand(a) and is_operand(n)):
+        return None
+    if a is LANES and getattr(n, "literal_value", None) == 2:
+        return lambda a, n: a * a
+    if a is LANES and isinstance(n, types.Integer):
+        return lambda a, n: _whole_power(a, n)
+    return lambda a, n: _real_power(_lanes_of(a), _lanes_of(n))
+
+
+@intrinsic
+def _lanes_of(typing: Any, operand: Any) -> Any:
+    """Lanes as they stand, or eight of a number."""
+
+    def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return as_lanes(context, builder, values[0], signature.args[0])
+
+    return (LANES(operand), emit) if is_operand(operand) else None
+
+
+def _of_lanes(implementation: Any) -> Callable[[Any], Any]:
+    return lambda x: (lambda x: implementation(x)) if x is LANES else None
+
+
+def _absolute(x: Any) -> Any:
+    return (lambda x: abs(x)) if x is LANES else None
+
+
+def _root(x: Any) -> Any:
     return (lambda x: math.sqrt(x)) if x is LANES else None
 
 
-def _log(x: Any) -> Any:
-    return (lambda x: _logarithm(x)) if x is LANES else None
-
-
-for _function, _of_lanes in ((math.exp, _exp), (np.exp, _exp), (math.log, _log), (np.log, _log), (np.sqrt, _sqrt)):
-    extending.overload(_function, strict=False)(_of_lanes)
+OF_NUMPY = ("abs", "sqrt", "exp", "expm1", "log", "log1p", "sinh", "cosh", "tanh", "arcsinh")
+"""Functions of numpy that take lanes."""
+_FOUND = {
+    "exp": _of_lanes(_exponential),
+    "expm1": _of_lanes(_exponential_less_one),
+    "log": _of_lanes(_logarithm),
+    "log1p": _of_lanes(_logarithm_of_more_than_one),
+    "sinh": _of_lanes(_hyperbolic_sine),
+    "cosh": _of_lanes(_hyperbolic_cosine),
+    "tanh": _of_lanes(_hyperbolic_tangent),
+    "arcsinh": _of_lanes(_area_sine),
+    "abs": _absolute,
+    "sqrt": _root,
+}
+for _function, _name in ((math.exp, "exp"), (math.log, "log"), *((getattr(np, name), name) for name in OF_NUMPY)):
+    extending.overload(_function, strict=False)(_FOUND[_name])

@@ -51,7 +51,8 @@ IR, DIC = "ir", "dic"
 @dataclass(frozen=True)
 class Cause:
     """An effect file without its heading: slot, facet sets, function, the effects of the catalogue that are its family, channels. Of a
-    camera (IR, DIC) the function gives the values of pixels or points from these, their places y in mm, the time in s and the amount."""
+    camera (IR, DIC) the function gives the values of pixels (in degrees Celsius) or points from these, their places y in mm, the time in s
+    and the amount."""
 
     slot: str
     function: str | Camera
@@ -169,7 +170,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "camera-slides": Cause(IR, _slid, ("ir_registration",), HEAT),
     "emissivity-fades": Cause(
-        IR, lambda theta, y, time, amount: theta - amount * (theta - 296.7) * time / 400.0, ("ir_emissivity", "ir_gain"), HEAT
+        IR, lambda theta, y, time, amount: theta - amount * (theta - 23.5) * time / 400.0, ("ir_emissivity", "ir_gain"), HEAT
     ),
     "hardening-gives-way": Cause(
         "yield_stress",
@@ -351,6 +352,7 @@ def answer(folder: Path, specimen: str, code: int) -> dict[str, Any]:
     found = {n: (p.value, p.sigma) for n, p in record.parameters.items() if n in BASE and p.sigma}
     beside = (said["unlisted"] or {}).get("parameters") or {"values": {}}
     found |= {n: (row["value"], row["sigma"]) for n, row in beside["values"].items() if n in BASE}
+    untold = [n for n in BASE if n in record.parameters and record.parameters[n].free and n not in found]
     off = {n: (value - SPECIMENS[specimen]["truth"][n]) / sigma for n, (value, sigma) in found.items()}
     missing = said["unlisted"]
     return {
@@ -366,6 +368,7 @@ def answer(folder: Path, specimen: str, code: int) -> dict[str, Any]:
         "before": said["before"]["held_out"],
         "after": said["after"]["held_out"],
         "off": {n: round(v, 2) for n, v in off.items()},
+        "untold": untold,
         "wide": {n: float(f"{sigma / abs(value):.2g}") for n, (value, sigma) in found.items() if value},
     }
 
@@ -393,6 +396,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
     held = [r for r in good if r["off"] and all(abs(v) <= SURE for v in r["off"].values())]
     measured = [r for r in held if r.get("wide")]
     vague = [r for r in measured if max(r["wide"].values()) > SAYS_NOTHING]
+    silent = [r for r in held if r.get("untold")]
     alone = [r for r in good if r.get("second") and len(RUNS[r["run"]]) == 1]
     doubled = [r for r in alone if max(r["second"].values()) > 0.5]
     lines = [
@@ -409,6 +413,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         f"* All parameters of the base model within {SURE:g} combined standard errors: **{len(held)} of {len(rows)}** (asked 90 %).",
         f"* Of these with a standard error above half of its value, so that being within it says nothing: **{len(vague)}** of the "
         f"{len(measured)} that keep widths.",
+        f"* Of these with parameters that have no standard error, for nothing is told of them: **{len(silent)}**.",
         f"* Beside a history that is told, with one cause planted, another kind of history is told as likelier than not in "
         f"**{len(doubled)}** of the {len(alone)} that keep it. None was planted there: such a likelihood is no proof.",
         f"* Made on {len({r['source'] for r in rows})} states of the package. "

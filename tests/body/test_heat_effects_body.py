@@ -213,6 +213,7 @@ BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
 ON = {
     **{"radiation.emissivity": 0.8, "lamp.absorbed": 0.3, "lamp.start": 20.0, "clamp_difference.difference": 1.5},
     **{"clamp_drift.rate": 0.02, "clamp_drift.apart": -0.03, "clamp_drift.time": 40.0, "air_drift.rate": -0.03, "air_drift.time": 100.0},
+    **{"clamp_step.step": 1.2, "clamp_step.apart": -0.9, "clamp_step.start": 18.0, "clamp_step.onset": 6.0},
     **{"latent_heat.heat": 40.0, "latent_heat.centre": 0.01, "latent_heat.width": 0.008},
     **{"local_source.power": 3.0, "local_source.place": 4.0, "local_source.width": 6.0, "local_source.start": 20.0},
     **{"capacity_by_temperature.slope": 4e-3, "conductivity_by_temperature.slope": -6e-3},

@@ -86,6 +86,7 @@ def test_something_unlisted_without_a_place_says_over_which_state_and_beside_wha
 @pytest.mark.parametrize("failed", ["", "no run there"])
 @pytest.mark.parametrize("offset", [0.0, 0.7])
 def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(failed: str, offset: float) -> None:
+    spot = {"y_mm": -1.302, "spread_mm": None}
     rows = {} if failed else {"kappa": {"value": 131.23, "sigma": 4.2, "unit": "mW/(mm K)", "joint_fit": 98.76}}
     said = {
         **{"channel": "dtheta", "best_listed": None, "resembles": [], "beside": [], "kind": "heat source", "where": {"y_mm": 3.0}},
@@ -96,6 +97,7 @@ def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(
             "parameters": {
                 "values": rows,
                 "failed": failed,
+                "spot": {**spot, "velocity_mm_per_s": 0.1234, "velocity_sigma": 0.0007, "at_s": 105.52} if offset else spot,
                 "second": {"jaws": 0.02, "offset": offset},
                 "held": {"rate_power.m": 0.25} if offset else {},
                 "untold": ["what rate_power says counts as exact"] if offset else [],
@@ -109,5 +111,6 @@ def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(
     assert ("! no run there" in shown) if failed else ("131.2 +- 4" in shown and "98.76" in shown)
     second = "standard errors hold that there may be another history beside it: an offset of the infrared camera"
     assert (second in shown) == ("standard errors hold" in shown) == (offset > 0.0 and not failed) and "jaws" not in shown
-    for words in ("rate_power.m = 0.25: held beside it", "what rate_power says counts as exact"):
+    travels = "taken for one spot that travels at 0.123 +- 0.0007 mm/s, and is at y = -1.3 mm at 105.5 s"
+    for words in (travels, "rate_power.m = 0.25: held beside it", "what rate_power says counts as exact"):
         assert (words in shown) == (offset > 0.0 and not failed)

@@ -204,11 +204,12 @@ def test_it_wins_where_the_winner_leaves_more_than_it_takes(
     def of_any_form(*_: Any) -> Any:
         made.append("asked")
         curve = trial("hardening_curve", 0.8)
-        return [curve], (curve, ("end", "fit"))
+        return [curve], (curve, ("end of the curve", "fit"))
 
     monkeypatch.setattr(any_form, "of_any_form", of_any_form)
     monkeypatch.setattr(any_form, "leaves_more_than_it_takes", lambda *_: leaves)
-    monkeypatch.setattr(any_form, "discriminated", lambda *_: apart)
+    gains = {"end": gain or 0.0, "end of the curve": 0.8}
+    monkeypatch.setattr(any_form, "surely_better", lambda one, other: apart and gains[one] > gains[other])
     winner: Any = None if gain is None else (trial("lamp", gain), ("end", "fit"))
     nothing: Any = None
     trials, found = or_any_form(nothing, nothing, nothing, [], winner, nothing)

@@ -59,11 +59,13 @@ def turned(
     family: tuple[str, ...] = (),
     leave: tuple[str, ...] = (),
     vetoed: str = "",
+    weighted: dict[str, float] | None = None,
 ) -> tuple[list[str], Trial | None]:
     """A turn whose candidates are refitted to these gains (None: refused), a pair to `pair`; `same`: what cannot be told apart, by two
     standard errors, `near`: by one; `fitted`: those with one more parameter; `bounds`: what ends at a bound by candidate, "": before;
     `adrift`: those with an exponent that no fit has settled; `family`: effects alike, of which the first alone is a candidate; `leave`:
-    those whose ends leave more than noise; `vetoed`: those that cannot be."""
+    those whose ends leave more than noise; `vetoed`: those that cannot be; `weighted`: gains where channels that hold what neither
+    explains count for less, where these are others."""
 
     def of_family(name: str) -> tuple[str, ...]:
         return tuple(n for n in family if n != name) if name in family else ()
@@ -93,6 +95,11 @@ def turned(
     def apart(one: Any, other: Any, sure: float = 2.0) -> bool:
         return not {one.name, other.name} <= set(near if sure == 1.0 else (*near, *same))
 
+    def better(one: Any, other: Any, sure: float = 2.0) -> bool:
+        first, second = (told.get(t.name, gains[t.name]) or 0.0 for t in (one, other))
+        return apart(one, other, sure) and first > second
+
+    told = weighted or {}
     scores = [score(n, family=of_family(n), vetoed="no" if n in vetoed.split() else "") for n in gains]
     monkeypatch.setattr(module, "candidates", lambda _: [s for s in scores if s.effect not in family[1:]])
     monkeypatch.setattr(module, "tried", refitted)
@@ -100,6 +107,7 @@ def turned(
     monkeypatch.setattr(module, "best_pair", pairs)
     monkeypatch.setattr(module, "rivals", lambda *_: rivals)
     monkeypatch.setattr(module, "discriminated", apart)
+    monkeypatch.setattr(module, "surely_better", better)
     monkeypatch.setattr(module, "ends_of_fit", lambda t, _: dict.fromkeys(bounds.get(getattr(t, "name", ""), ()), "at its bound"))
     here: Any = SimpleNamespace(case=SimpleNamespace(cheap=cheap), ranking=SimpleNamespace(scores=scores))
     trials, winner = next_round(here, FIT, MEANS, room)
@@ -144,6 +152,9 @@ def test_of_a_body_the_family_of_a_winner_that_leaves_more_than_noise_is_refitte
     assert won(monkeypatch, gains, **own | {"leave": ("a", "b")}) == "c"
     assert won(monkeypatch, gains, **own | {"leave": ("a", "b"), "near": ("a", "b", "c")}) == "a", "within a standard error"
     assert won(monkeypatch, gains, **own | {"leave": ("a", "b"), "same": ("a", "b", "c")}) == "c"
+    apart = own | {"leave": ("a", "b")}
+    assert won(monkeypatch, gains, **apart, weighted={"b": 0.3, "c": 0.2}) == "a", "the larger gain lies in what neither explains"
+    assert won(monkeypatch, gains | {"b": 0.3}, **apart, weighted={"b": 0.5, "c": 0.4}) == "b", "nor does the smaller one hinder"
     assert won(monkeypatch, gains | {"b": None, "c": 0.3}, **own) == "a" and won(monkeypatch, gains, **own | {"vetoed": "b"}) == "c"
     assert turned(monkeypatch, gains, **own | {"family": ("a",)}, rivals=False)[0] == ["a"]
 

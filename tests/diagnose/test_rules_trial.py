@@ -25,6 +25,7 @@ from thermofit.diagnose.trial import (
     nearer,
     on_readings,
     refusal,
+    surely_better,
     tried,
     tried_together,
     worth_of,
@@ -519,16 +520,15 @@ def test_refits_are_told_apart_by_two_standard_errors(monkeypatch: pytest.Monkey
         ended.rows = Rows(np.zeros(3, dtype=int), np.arange(3.0), np.zeros((3, 2)), np.zeros(3, dtype=int))
         ended.columns.residual = np.ones(3)
     error = {id(one): np.ones(3), id(other): np.zeros(3)}
-    seen = []
 
     def compare(before: np.ndarray, after: np.ndarray, *_: Any) -> Proof:
-        seen.append((before.sum(), after.sum()))
-        return replace(GOOD, gain=gain, sigma=0.01)
+        return replace(GOOD, gain=gain if before.sum() > after.sum() else -gain, sigma=0.01)
 
     monkeypatch.setattr(module, "held_out_of", lambda t: error[id(t)])
     monkeypatch.setattr(module, "compared", compare)
     assert discriminated(one, other) is apart and discriminated(other, one) is apart
-    assert seen == [(3.0, 0.0)] * 2
+    assert surely_better(other, one) is apart and not surely_better(one, other)
+    assert surely_better(other, one, 2.2) is False and surely_better(other, one, 1.8) is True
 
 
 @pytest.mark.parametrize("unexplained", [1.0, 6.0])

@@ -16,9 +16,9 @@ from thermofit.diagnose import unlisted as module
 from thermofit.diagnose.beside_source import Spot, spot_of
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, at_parameters, unlisted
+from thermofit.diagnose.unlisted import LEAVES, UNSETTLED, Unlisted, as_spot, at_parameters, unlisted
 from thermofit.diagnose.unlisted_field import Basis, best_beside, field_of, roughness, with_parameters
-from thermofit.diagnose.unlisted_spot import nearest
+from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.experiment.missing import Grid, hats
 from thermofit.fit.linear_model import LinearModel
 
@@ -30,13 +30,13 @@ GRID = Grid(TIME, np.zeros(len(TIME), dtype=int), np.zeros(1), np.zeros(1), spre
 def hats_at(grid: Grid) -> Basis:
     """Hats of a spot that is seen as it is, in units of the noise."""
     chosen = np.arange(grid.size)
-    columns = hats(grid.time, T) * norm.pdf(Y, grid.y[0], grid.spread)[:, None] * 50.0
+    columns = hats(grid.time, T) * norm.pdf(Y[:, None], grid.heights, grid.spread) * 50.0
     return Basis("heat", "mW/mm^3", grid, chosen, np.arange(len(T)), columns, roughness(grid, chosen))
 
 
-def seen(middle: float, spread: float) -> tuple[LinearModel, Rows, Split]:
-    """What a fit with a level and a slope leaves of a spot whose power comes and goes."""
-    truth = 2.0 * (1.0 + np.sin(T / 15.0)) * norm.pdf(Y, middle, spread) * 50.0
+def seen(middle: float, spread: float, velocity: float = 0.0) -> tuple[LinearModel, Rows, Split]:
+    """What a fit with a level and a slope leaves of a spot whose power comes and goes; it is at its middle at 50 s."""
+    truth = 2.0 * (1.0 + np.sin(T / 15.0)) * norm.pdf(Y, middle + velocity * (T - 50.0), spread) * 50.0
     residual = -truth + np.random.default_rng(3).standard_normal(len(T))
     rows = Rows(np.zeros(len(T), dtype=int), T, np.stack([0.0 * Y, Y], axis=1), np.zeros(len(T), dtype=int))
     fifths = tuple(np.arange(len(T)) // 5 % 5 == k for k in range(5))
@@ -51,6 +51,45 @@ def test_middle_and_spread_are_found(y: float, spread: float) -> None:
     grid, m = found.basis.grid, GRID.size
     assert grid.y[0] == pytest.approx(7.3, abs=0.1) and grid.spread == pytest.approx(3.0, rel=0.02)
     assert found.basis.columns.shape[1] == m + 2 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
+
+
+@pytest.mark.parametrize(("y", "velocity", "spread"), [(0.0, 0.1, 8.0), (6.0, 0.5, 2.0), (4.0, 0.0, 4.0)])
+def test_velocity_is_found(y: float, velocity: float, spread: float) -> None:
+    """From a slower one, a faster one and from rest; with the middle, which lies anywhere on its way, and the spread."""
+    model, rows, split = seen(4.0, 3.0, 0.31)
+    begin = replace(GRID, y=np.array([y]), spread=spread, along=velocity * (TIME - 40.0))
+    found = nearest(model, hats_at, begin, rows, split, weight=1e-3, least=0.5)
+    grid, m = found.basis.grid, GRID.size
+    assert grid.heights == pytest.approx(4.0 + 0.31 * (TIME - 50.0), abs=0.2) and grid.spread == pytest.approx(3.0, rel=0.03)
+    assert found.basis.columns.shape[1] == m + 3 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
+    told = spot_of(found)
+    assert told.velocity is not None and told.time is not None
+    assert abs(told.velocity[0] - 0.31) < 3.0 * told.velocity[1] < 0.02
+    assert told.y == pytest.approx(4.0 + 0.31 * (told.time - 50.0), abs=0.1) and told.spread == grid.spread
+    assert spot_of(replace(found, q=found.q[:-1])).spread is None
+    beside = abs(np.corrcoef(found.basis.columns[:, m : m + 2].T)[0, 1])
+    assert beside < 0.2, "the velocity is about the middle of its power: it says nothing of where that is"
+
+
+@pytest.mark.parametrize(("velocity", "off"), [(0.31, 0.0), (-0.2, 0.0), (0.31, 0.6), (0.02, 0.0)])
+def test_hats_over_the_face_show_that_a_heat_travels(velocity: float, off: float) -> None:
+    """Its middle at every time, by the power of one sign; less than it reaches along the load is no way. What is outside of its window says
+    nothing."""
+    time, y = np.linspace(0.0, 100.0, 13), np.linspace(-20.0, 20.0, 9)
+    middle = 4.0 + velocity * (time - 50.0)
+    power = -np.exp(-0.5 * ((y - middle[:, None]) / 4.0) ** 2) * np.ones((13, 1)) + off * (y < -15.0)
+    power[time > 80.0] = np.where(y > 15.0, -5.0, 0.0)
+    grid = Grid(time, np.zeros(13, dtype=int), np.array([-5.0, 5.0]), y)
+    term: Any = SimpleNamespace(basis=SimpleNamespace(grid=grid), values=np.repeat(power[:, :, None, None], 2, axis=2))
+    place: Any = SimpleNamespace(when=(0.0, 80.0), extent=(3.0, 5.0))
+    line = travels(term, place)
+    if abs(velocity) * 80.0 < 5.0:
+        assert line is None
+        return
+    assert line is not None and line[1] == pytest.approx(velocity, abs=0.02)
+    assert line[0] == pytest.approx(4.0 + velocity * (line[2] - 50.0), abs=0.3)
+    place.when = (30.0, 30.0)
+    assert travels(term, place) is None, "nor has one knot"
 
 
 def on_a_mesh(grid: Grid) -> Basis:
@@ -213,6 +252,27 @@ def test_two_spots_are_not_one(monkeypatch: pytest.MonkeyPatch) -> None:
         assert as_spot(*two) == (None, "one spot leaves structure")
     monkeypatch.setattr(module, "MOST_STEPS", 1)
     assert as_spot(*two) == (None, UNSETTLED)
+
+
+def test_parameters_beside_a_spot_that_travels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A spot at rest leaves structure, one that travels does not; parameters come back beside it, which the broad source had off. It is
+    asked for where the hats show that it travels."""
+
+    def source(x: np.ndarray, y: np.ndarray, time: float) -> np.ndarray:
+        middle = -11.0 + 0.2 * time
+        on = 0.25 * (1.0 + np.tanh((time - 15.0) / 2.0)) * (1.0 - np.tanh((time - 100.0) / 2.0))
+        return np.asarray(0.9 * on * np.exp(-0.5 * ((y - middle) / 3.0) ** 2) / (np.sqrt(2.0 * np.pi) * 3.0) + 0.0 * x)
+
+    here, found = told(source)
+    spot, why = as_spot(here, found)
+    assert spot is not None and spot.field is not None and why == ""
+    place = spot_of(spot.field)
+    assert place.velocity is not None and place.time is not None
+    assert abs(place.velocity[0] - 0.2) < 3.0 * place.velocity[1] < 0.02 and place.y == pytest.approx(-11.0 + 0.2 * place.time, abs=0.4)
+    off = [(spot.parameters[n] - BASE[n]) / s for n, s in zip(spot.parameters.free, spot.field.uncertainty, strict=True)]
+    assert np.abs(off).max() < 3.0, off
+    monkeypatch.setattr(module, "travels", lambda *_: None)
+    assert as_spot(here, found) in [(None, LEAVES), (None, UNSETTLED)]
 
 
 def test_a_spot_that_the_mesh_may_not_show_tells_no_parameters(one: tuple[Traced, Unlisted, Unlisted]) -> None:

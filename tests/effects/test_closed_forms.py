@@ -112,6 +112,15 @@ ROWS: dict[str, Row] = {
         ),
         on=("clamp",),
     ),
+    # 3/4 of it at (ln 3 / 2) onsets after the start, 1/4 as long before; above by half of `apart` more than below.
+    "clamp_step": Row(
+        "boundary_temperature",
+        (
+            ((a(-10.0, 0.0, 10.0), 40.0 + 2.5 * LN3, 7.0, 2.0, 0.4, 40.0, 5.0), a(1.35, 1.5, 1.65)),
+            ((a(-10.0, 5.0), 40.0 - LN3, 0.0, 1.0, -2.0, 40.0, 2.0), a(0.5, 0.0)),
+        ),
+        on=("clamp",),
+    ),
     # dX = C N dLambda - gamma X dLambda: modulus and recall, in this order.
     "backstress_first": Row(
         "backstress", (((0.02, 1e-3, 300.0, NONE, 4000.0, 100.0), (4000.0, 100.0)), ((0.5, 1.0, 250.0, NONE, 7.0, 3.0), (7.0, 3.0)))

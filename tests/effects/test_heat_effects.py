@@ -44,7 +44,7 @@ def probed(effect: Effect) -> list[float]:
 
 def test_catalogue_holds_them() -> None:
     assert {e.name for e in BUILT_IN} >= {
-        *("radiation", "lamp", "clamp_drift", "air_drift", "clamp_difference", "latent_heat"),
+        *("radiation", "lamp", "clamp_drift", "clamp_step", "air_drift", "clamp_difference", "latent_heat"),
         *("capacity_by_temperature", "conductivity_by_temperature", "initial_gradient"),
     }
 

@@ -12,9 +12,11 @@ from pulled import HEAT, pulled_study
 from record_studies import call
 
 from thermofit.diagnose import refit
+from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.prepared import diagnosis_job, prepared
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.records.artefact import Record, open_record
-from thermofit.stages import close_loop
+from thermofit.stages import close_loop, diagnose
 from thermofit.study.study import load_study
 
 COUNTS = ("evaluations", "created", "wall_s")
@@ -66,6 +68,22 @@ def test_the_loop_takes_over_the_joint_fit_and_ends_the_same(tmp_path: Path, lab
         labels.clear()
         close_loop.run(load_study(path, ["diagnosis.max_effects=0", change]), force=force)
         assert labels.count("joint") == 1, change
+
+
+def test_what_a_heat_has_driven_off_has_no_standard_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it is not told beside the heat: that of the joint fit says how well the data hold what it is not. Of `diagnose` as of the
+    loop."""
+    path = pulled_study(tmp_path, (*HEAT, "theta_air"), alpha_exp=0.0)
+    assert call("run", path, "--until", "identify-thermal").exit_code == 0
+    study = load_study(path, ["diagnosis.max_effects=0"])
+    for told in (None, BesideSource({}, {}, "not settled"), BesideSource({"beta": 0.9}, {"beta": 0.01})):
+        for stage in (diagnose, close_loop):
+            monkeypatch.setattr(stage, "beside_source", lambda *_, told=told: told)
+            found = stage.run(study, force=True).record.parameters
+            known = {n for n, p in found.items() if p.free and p.sigma is not None}
+            felt = set(acting_on_temperatures([n for n, p in found.items() if p.free]))
+            assert felt == {"beta", "theta_air"} and known >= {"lag", "tau"}
+            assert known & felt == (felt if told is None else set(told.value))
 
 
 def test_a_fit_comes_back_to_the_last_bit(tmp_path: Path) -> None:

@@ -141,6 +141,7 @@ class StripMissing:
             return {"theta": np.repeat(one[:, None, None, :], len(MODEL.x), axis=1)}
         middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
+        place = place if grid.along is None else k
         strength = time_hats(grid, middle, np.zeros(len(middle), dtype=int))[:, k]
         over = THICK if kind == "flux" else 1.0
         theta = MODEL.run(parameters, strength[:, None, :] * place_hats(grid, MODEL.x, MODEL.y)[None, :, place] / over)

@@ -15,7 +15,15 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
-from thermofit.report.local_words import balance_lines, drift_line, held_in_words, second_in_words, steps_in_words, with_article
+from thermofit.report.local_words import (
+    balance_lines,
+    drift_line,
+    held_in_words,
+    second_in_words,
+    steps_in_words,
+    travel_in_words,
+    with_article,
+)
 
 
 def number(value: Any, digits: int = 5) -> str:
@@ -551,13 +559,14 @@ def _effect_parameters(console: Console, beside: Mapping[str, Any] | None) -> No
     if beside is None:
         return
     if beside["failed"]:
-        console.print(f"! {beside['failed']}", soft_wrap=True)
+        console.print(f"! {beside['failed']}; those that temperatures feel have no standard errors", soft_wrap=True)
         return
     table = _table("parameters beside the unlisted term, which drives those of the joint fit off", ("", "beside it", "joint fit", "unit"))
     for name, row in beside["values"].items():
         table.add_row(name, f"{number(row['value'], 4)} +- {row['sigma']:.1g}", number(row["joint_fit"], 4), row["unit"])
     console.print(table)
-    for words in filter(None, (second_in_words(beside["second"]), held_in_words(beside["held"]), *beside["untold"])):
+    said = (travel_in_words(beside.get("spot")), second_in_words(beside["second"]), held_in_words(beside["held"]), *beside["untold"])
+    for words in filter(None, said):
         console.print(words, soft_wrap=True)
 
 

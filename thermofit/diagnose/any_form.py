@@ -23,7 +23,7 @@ from thermofit.diagnose.on_displacements import above_floor, beyond, on_their_ow
 from thermofit.diagnose.pairs import leaves_more_than_it_takes
 from thermofit.diagnose.rescored import hidden
 from thermofit.diagnose.trace import Traced
-from thermofit.diagnose.trial import WORTH_AN_EXPONENT, Accepted, End, Trial, discriminated, freed_refit, judged_trial
+from thermofit.diagnose.trial import WORTH_AN_EXPONENT, Accepted, End, Trial, freed_refit, judged_trial, surely_better
 from thermofit.diagnose.unlisted_field import BEHIND
 from thermofit.effects.catalogue import Effect, effect
 from thermofit.experiment.known_motion import acting_on_temperatures
@@ -53,7 +53,7 @@ def or_any_form(
     if first is not here and beyond(here) <= BEHIND * beyond(first):
         return [], winner
     trials, curve = of_any_form(here, fit, means)
-    better = curve is not None and (winner is None or (curve[0].gain > winner[0].gain and discriminated(winner[1][0], curve[1][0])))
+    better = curve is not None and (winner is None or surely_better(curve[1][0], winner[1][0]))
     return trials, curve if better else winner
 
 

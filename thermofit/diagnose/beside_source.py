@@ -26,6 +26,7 @@ from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, histories
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
 from thermofit.diagnose.unlisted_second import second_histories
 from thermofit.diagnose.unlisted_slopes import beside_term
+from thermofit.diagnose.unlisted_spot import middle_of_power
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import EXCHANGED, EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
@@ -39,11 +40,13 @@ TOLD_ANEW = (EXPONENTS, SLOWER_RATES)
 
 @dataclass(frozen=True)
 class Spot:
-    """Where a heat is that was taken for one spot: the height y of its middle and its spread in mm; None where that is less than the mesh
-    shows."""
+    """Where a heat is that was taken for one spot: the height y of its middle and its spread in mm, None where that is less than the mesh
+    shows; of one that travels its velocity in mm/s, with its standard error, and the time in s at which its middle is there."""
 
     y: float
     spread: float | None
+    velocity: tuple[float, float] | None = None
+    time: float | None = None
 
 
 @dataclass(frozen=True)
@@ -119,9 +122,16 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
 
 
 def spot_of(term: MissingField) -> Spot:
-    """Where the spot of a term is. Behind its hats stand its middle and, where it is more than the least, its spread."""
-    fitted = len(term.q) - len(term.basis.chosen) > 1
-    return Spot(float(term.basis.grid.y[0]), term.basis.grid.spread if fitted else None)
+    """Where the spot of a term is. Behind its hats stand its middle, its velocity if it travels and, where it is more than the least, its
+    spread."""
+    grid, m = term.basis.grid, len(term.basis.chosen)
+    travels = grid.along is not None
+    spread = grid.spread if len(term.q) - m > 1 + travels else None
+    if grid.along is None:
+        return Spot(float(grid.y[0]), spread)
+    since = middle_of_power(grid, term.q)
+    velocity, y = np.polyfit(grid.time - since, grid.heights, 1)
+    return Spot(float(y), spread, (float(velocity), float(np.sqrt(term.posterior[m + 1, m + 1]))), since)
 
 
 def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:

@@ -23,7 +23,7 @@ from thermofit.diagnose.rejudge import ends_of_fit, exponents_again, rejudged
 from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
-from thermofit.diagnose.trial import Accepted, Trial, discriminated, moves_material, tried
+from thermofit.diagnose.trial import Accepted, Trial, discriminated, moves_material, surely_better, tried
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import Budget
 from thermofit.fit.result import FitResult
@@ -240,7 +240,7 @@ def _of_its_family(
         trials.append(trial)
         if found is not None:
             ends[score.effect] = found[0]
-            if trial.gain > winner[0].gain and discriminated(end, found[0], NEAR):
+            if surely_better(found[0], end, NEAR):
                 winner = trial, found
     return trials, winner
 

@@ -459,13 +459,18 @@ def ends_of(names: Sequence[str], parameters: Parameters, fit: FitResult) -> dic
 
 
 def discriminated(one: Traced, other: Traced, sure: float = SURE) -> bool:
-    """Whether one of two refits predicts held-out data better than the other by more than `sure` standard errors. A channel counts by what
-    the better of the two leaves there, at least its noise: where both leave what neither explains, it tells nothing of which is right."""
+    """Whether one of two refits predicts held-out data surely better than the other (`surely_better`)."""
+    return surely_better(one, other, sure) or surely_better(other, one, sure)
+
+
+def surely_better(one: Traced, other: Traced, sure: float = SURE) -> bool:
+    """Whether the first of two refits predicts held-out data better than the other by more than `sure` standard errors. A channel counts by
+    what the better of the two leaves there, at least its noise: where both leave what neither explains, it tells nothing of which is
+    right."""
     weight = _told_by(one, other)
-    ends = {id(t): held_out_of(t) * weight for t in (one, other)}
-    worse, better = sorted((one, other), key=lambda t: -float(np.nansum(ends[id(t)] ** 2)))
-    left = better.columns.residual * weight
-    found = compared(ends[id(worse)], ends[id(better)], one.rows, len(one.split.held_out), one.problem.model.noise, left)
+    left = one.columns.residual * weight
+    ends = (held_out_of(other) * weight, held_out_of(one) * weight)
+    found = compared(*ends, one.rows, len(one.split.held_out), one.problem.model.noise, left)
     return found.gain > sure * found.sigma
 
 

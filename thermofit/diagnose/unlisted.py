@@ -30,7 +30,7 @@ from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
 from thermofit.diagnose.unlisted_slopes import beside_term
-from thermofit.diagnose.unlisted_spot import nearest
+from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.diagnose.unlisted_steps import best_of_its_form, better, in_steps
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
 from thermofit.diagnose.unlisted_structure import Structure, structures
@@ -72,6 +72,8 @@ LEAST_ROWS = 5
 
 UNSETTLED = "parameters beside the term have not settled"
 """What is said where they are still on their way after the most steps, or no part of one leaves less."""
+LEAVES = "one spot leaves structure"
+"""What is said where it is not all of what is missing."""
 GONE = "the term is that at the optimum without it: once parameters have followed, held-out data ask for none"
 """Why parameters stay where they are beside a term."""
 
@@ -598,7 +600,8 @@ def as_spot(here: Traced, found: Unlisted) -> tuple[Unlisted | None, str]:
 
     They are not where they do not settle, or where the spot leaves structure: it is then not all of what is missing. Nor are they where the
     errors of the mesh cannot be told beside it, for it may be smaller than an element. Where they do not settle with exponents of added
-    laws free, these are held: amplitude, exponents and what they share a sum with make a valley in which every step crawls.
+    laws free, these are held: amplitude, exponents and what they share a sum with make a valley in which every step crawls. Where the hats
+    show that it travels it is one that does, and one at rest where parameters beside that are not told.
     NumericsError where its first run fails."""
     missing, place = here.case.model.missing, found.place
     if missing is None or found.field is None or place is None or found.field.basis.kind != "heat":
@@ -607,10 +610,18 @@ def as_spot(here: Traced, found: Unlisted) -> tuple[Unlisted | None, str]:
     if grid is None or found.field.basis.grid.places == 1:
         return None, ""
     grid = replace(grid, y=np.array([place.centroid[1]]), spread=max(place.extent[1], grid.spread))
-    spot, why = fitted_spot(here, found, grid)
+    line = travels(found.field, place)
+    moving = [] if line is None else [replace(grid, y=line[:1], along=line[1] * (grid.time - line[2]))]
     exponents = tuple(n for n in here.case.parameters.free if param(n).scan)
     held = [n for n in exponents if n not in acting_on_temperatures(exponents)]
-    return fitted_spot(holding(here, held), found, grid) if held and why == UNSETTLED else (spot, why)
+    why = ""
+    for one in (*moving, grid):
+        spot, why = fitted_spot(here, found, one)
+        if held and why == UNSETTLED:
+            spot, why = fitted_spot(holding(here, held), found, one)
+        if spot is not None:
+            return spot, why
+    return None, why
 
 
 def holding(here: Traced, names: Sequence[str]) -> Traced:
@@ -636,7 +647,7 @@ def fitted_spot(here: Traced, found: Unlisted, grid: Grid) -> tuple[Unlisted | N
     if said == UNSETTLED:
         return None, said
     if replace(structure, excess=structure.blocks.excess(then.residual)).stands_out:
-        return None, "one spot leaves structure"
+        return None, LEAVES
     return replace(found, field=then, parameters=parameters, case=case, remark=said), ""
 
 

@@ -56,6 +56,7 @@ class Grid:
 
     A coupon has one place. `components` is 2 for displacements. Coefficients are ordered (n_k, n_y, n_x, components). With a `spread` s mm
     the one place is the normal density exp(-((y - y_0) / s)^2 / 2) / (sqrt(2 pi) s) 1/mm about the one knot y_0, in the stead of a hat.
+    One that travels lies higher by `along` (n_k,) mm at each knot in time.
     """
 
     time: np.ndarray
@@ -64,6 +65,12 @@ class Grid:
     y: np.ndarray
     components: int = 1
     spread: float = 0.0
+    along: np.ndarray | None = None
+
+    @property
+    def heights(self) -> np.ndarray:
+        """Middle of the place in mm: (1,), or (n_k,) where it travels."""
+        return self.y if self.along is None else self.y[0] + self.along
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -99,29 +106,30 @@ def time_hats(grid: Grid, time: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 
 def place_hats(grid: Grid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values (..., n_y n_x) of the hats over the face, x beyond the last knot counts as that; with a spread, of the place."""
+    """Values (..., n_y n_x) of the hats over the face, x beyond the last knot counts as that; with a spread, of the place, (..., n_k) where
+    it travels."""
     if grid.spread:
-        return np.asarray(norm.pdf(y[..., None], grid.y, grid.spread))
+        return np.asarray(norm.pdf(y[..., None], grid.heights, grid.spread))
     across = hats(grid.x, np.clip(x, grid.x[0], grid.x[-1]))
     along = hats(grid.y, y)
     return np.asarray((along[..., :, None] * across[..., None, :]).reshape(*along.shape[:-1], grid.places))
 
 
 def spot_values(grid: Grid, low: np.ndarray, high: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values (n_el, n_q, 1) in 1/mm at points of integration y (n_el, n_q) of the place p(y) of a grid with a spread, in elements between
-    heights low and high (n_el,) mm: the straight line with its zeroth and first moments there,
+    """Values (n_el, n_q, 1) in 1/mm at points of integration y (n_el, n_q) of the place p(y) of a grid with a spread, (n_el, n_q, n_k) of
+    one that travels, in elements between heights low and high (n_el,) mm: the straight line with its zeroth and first moments there,
 
         v = m_0 / 2 + 3/2 xi m_1,   m_k = int_-1^1 xi^k p(c + h xi) d xi,   xi = (y - c) / h,
 
     c the middle and h half of the height. So what is smaller than an element has the nodal heat of its own density.
     """
-    c, h = 0.5 * (low + high), 0.5 * (high - low)
-    off, s = grid.y - c, grid.spread
-    a, b = ((end - grid.y) / s for end in (low, high))
+    c, h = 0.5 * (low + high)[:, None], 0.5 * (high - low)[:, None]
+    off, s = grid.heights - c, grid.spread
+    a, b = ((end[:, None] - grid.heights) / s for end in (low, high))
     power = norm.cdf(b) - norm.cdf(a)
     zeroth, first = power / h, (off * power - s * (norm.pdf(b) - norm.pdf(a))) / h**2
-    xi = (y - c[:, None]) / h[:, None]
-    return np.asarray((0.5 * zeroth[:, None] + 1.5 * xi * first[:, None])[..., None])
+    xi = (y - c) / h
+    return np.asarray(0.5 * zeroth[:, None] + 1.5 * xi[..., None] * first[:, None])
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,7 @@ class BodyMissing:
 
     def _places(self, grid: Grid) -> np.ndarray:
         """Values (n_el, 8, n_places) of the hats at the points of integration; of a spot those with which its power and its first moment in
-        every element are exact, for it may be smaller than that."""
+        every element are exact, for it may be smaller than that. Of one that travels (n_el, 8, n_k), one place for every time."""
         x, y = (at_points(self.body, c) for c in about_middle(self.body))
         if not grid.spread:
             return place_hats(grid, np.abs(x) if self.folded else x, y)
@@ -257,8 +257,10 @@ class BodyMissing:
         amount: np.ndarray | None = None,
     ) -> Iterator[tuple[int, np.ndarray]]:
         """Temperatures (n_np, m) at every time by unit sources, or (n_np, 1) by an `amount` (m,) of each: steps of the run with the factors
-        of its own heat equation. `loads` (n_np, n_places): mW of each place; or of which kind of `OF_SURFACE` they are."""
+        of its own heat equation. `loads` (n_np, n_places): mW of each place, (n_np, n_k) of one that travels; or of which kind of
+        `OF_SURFACE` they are."""
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
+        place = place if grid.along is None else k
         of_jaws = isinstance(loads, str) and KINDS[loads].alike == "jaws"
         strength = [
             s[:, k] for s in (_at_ends(grid, history.time, self.whole.settings.heat_scheme) if of_jaws else (_means(grid, history.time),))

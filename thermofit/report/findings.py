@@ -10,6 +10,7 @@ import numpy as np
 
 from thermofit.core.parameters import param
 from thermofit.diagnose.before_after import before_after, channel_rms, error_datasets
+from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.case import Case, nowhere
 from thermofit.diagnose.loop import Closed, Round, RoundEnd, like_of, place_of, ranking_rows
 from thermofit.diagnose.pose import not_asked_of_pose
@@ -20,6 +21,7 @@ from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import Trial
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.channels import field_of
+from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.residuals import lag_ones
 from thermofit.experiment.trust import ChannelLevel, above_floor, doubts, grade, level, undetermined
 from thermofit.fit.result import FitResult
@@ -28,13 +30,17 @@ from thermofit.records.artefact import Dataset, ParameterResult
 from thermofit.study.study import Study
 
 
-def diagnosis_parameters(study: Study, case: Case, fit: FitResult, by_noise: np.ndarray | None = None) -> dict[str, ParameterResult]:
-    """All parameters of the joint model: the fitted ones with standard error, and with that (n_p,) by the noise alone where it is known."""
-    results = {}
+def diagnosis_parameters(
+    study: Study, case: Case, fit: FitResult, by_noise: np.ndarray | None = None, beside: BesideSource | None = None
+) -> dict[str, ParameterResult]:
+    """All parameters of the joint model: the fitted ones with standard error, and with that (n_p,) by the noise alone where it is known.
+    Parameters that an unlisted heat has driven off have none where they are not told `beside` it either: that of the joint fit is not
+    theirs."""
+    results, off = {}, driven_off(fit.names, beside)
     for name in case.parameters.given():
         free = name in fit.names
         k = fit.names.index(name) if free else -1
-        known = fit.converged and fit.sigma is not None and free and np.isfinite(fit.sigma[k])
+        known = fit.converged and fit.sigma is not None and free and name not in off and np.isfinite(fit.sigma[k])
         sigma = float(fit.sigma[k]) if known else None  # type: ignore[index]
         low, high = study.bounds(name)
         value = case.parameters[name]
@@ -42,6 +48,11 @@ def diagnosis_parameters(study: Study, case: Case, fit: FitResult, by_noise: np.
         at_bound = bool(free and fit.at_bound[k])
         results[name] = ParameterResult(value, sigma, param(name).unit, free, at_bound, value, low, high, sigma_noise=noise)
     return results
+
+
+def driven_off(names: Sequence[str], beside: BesideSource | None) -> tuple[str, ...]:
+    """Fitted parameters that temperatures feel and that are not told beside an unlisted heat, where there is one."""
+    return () if beside is None else tuple(n for n in acting_on_temperatures(names) if n not in beside.value)
 
 
 def channels_of(here: Traced) -> dict[str, dict[str, Any]]:

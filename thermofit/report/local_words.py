@@ -72,6 +72,14 @@ def held_in_words(held: Mapping[str, float]) -> str:
     return f"{values}: held beside it; standard errors hold what other values would change" if held else ""
 
 
+def travel_in_words(spot: Mapping[str, Any] | None) -> str:
+    """How an unlisted heat travels that was taken for one spot; empty where there is none, or it is at rest."""
+    if spot is None or spot.get("velocity_mm_per_s") is None:
+        return ""
+    pace = f"{spot['velocity_mm_per_s']:.3g} +- {spot['velocity_sigma']:.1g} mm/s"
+    return f"taken for one spot that travels at {pace}, and is at y = {spot['y_mm']:.3g} mm at {spot['at_s']:.4g} s"
+
+
 def steps_in_words(said: Mapping[str, Any]) -> str:
     """When an unlisted term is switched, and by how much."""
     return ", ".join(f"{one['amount']:+.3g} {said['unit']} at {one['time_s']:.4g} s" for one in said["steps"])

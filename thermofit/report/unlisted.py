@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from thermofit.core.files import replacing
 from thermofit.core.parameters import param
-from thermofit.diagnose.beside_source import BesideSource
+from thermofit.diagnose.beside_source import BesideSource, Spot
 from thermofit.diagnose.held_out import Proof
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced
@@ -95,23 +95,28 @@ def _balance(found: Unlisted, local: Mapping[str, Any] | None) -> str:
 
 def _parameters(here: Traced, beside: BesideSource | None) -> dict[str, Any] | None:
     """Parameters beside an unlisted heat, and as the joint fit has them, and the one spot that this was taken for (null: it was not, and
-    `no_spot` says why; `spread_mm` null: it is less than the mesh shows). `second`: how likely each other kind of history is beside the one
-    that is told; `held`: exponents of added laws that are held beside it; `untold`: what of the form of such laws standard errors do not
-    hold. None where that is not asked."""
+    `no_spot` says why; `spread_mm` null: it is less than the mesh shows; `velocity_mm_per_s` null: it is at rest). `second`: how likely
+    each other kind of history is beside the one that is told; `held`: exponents of added laws that are held beside it; `untold`: what of
+    the form of such laws standard errors do not hold. None where that is not asked."""
     if beside is None:
         return None
     fitted = here.case.parameters
     rows = {n: {"value": v, "sigma": beside.sigma[n], "unit": param(n).unit, "joint_fit": fitted[n]} for n, v in beside.value.items()}
-    spot = None if beside.spot is None else {"y_mm": beside.spot.y, "spread_mm": beside.spot.spread}
     return {
         "values": rows,
         "failed": beside.failed,
-        "spot": spot,
+        "spot": None if beside.spot is None else _spot(beside.spot),
         "no_spot": beside.no_spot,
         "second": dict(beside.second),
         "held": dict(beside.held),
         "untold": list(beside.untold),
     }
+
+
+def _spot(spot: Spot) -> dict[str, Any]:
+    """Where a spot is; of one that travels its velocity, and when it is there."""
+    velocity, sigma = spot.velocity or (None, None)
+    return {"y_mm": spot.y, "spread_mm": spot.spread, "velocity_mm_per_s": velocity, "velocity_sigma": sigma, "at_s": spot.time}
 
 
 def with_unlisted(summary: dict[str, Any], said: dict[str, Any] | None) -> dict[str, Any]:

@@ -37,11 +37,11 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         end = looped(study, prepared(study, task, stages, known))
         found, closed, missing = end.found, end.closed, end.missing
         write_study(study, closed, study.run_dir / STUDY)
-        parameters = diagnosis_parameters(study, closed.last.case, closed.fit, closed.by_noise)
         told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed), found.refit.parts)
         parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
         local = local_findings(study, closed.last, parts or found.refit.parts, closed.numerical)
         beside = beside_source(closed.last, missing, closed.budget)
+        parameters = diagnosis_parameters(study, closed.last.case, closed.fit, closed.by_noise, beside)
         said = described(study, closed.last, missing, beside, local.entries["local_balances"])
         summary = {**with_any_form(with_unlisted(told, said), closed), "drive": found.drive, **local.entries}
         summary |= {} if closed.budget is None else budget_summary(closed.budget)

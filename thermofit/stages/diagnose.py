@@ -41,7 +41,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}
         fitted = known_fit_datasets(KnownFit(found.case.parameters, found.fit, failures, found.refit.ends))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **local.datasets, **fitted}
-        return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit))
+        return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit, beside=beside))
 
     outcome = produce(task, make, force=force)
     discard_checkpoints(task)

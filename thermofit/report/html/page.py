@@ -25,7 +25,7 @@ from thermofit.report.html.gather import DIAGNOSE, LOOP, channel_words, report_o
 from thermofit.report.html.methods import methods_text, references
 from thermofit.report.html.run_folder import RunFolder, read_run
 from thermofit.report.html.views import views_of
-from thermofit.report.local_words import balance_lines, drift_line, held_in_words, second_in_words
+from thermofit.report.local_words import balance_lines, drift_line, held_in_words, second_in_words, travel_in_words
 from thermofit.study.study import Study
 
 HTML, JSON, METHODS, REFERENCES = "report.html", "report.json", "methods.md", "methods.bib"
@@ -91,6 +91,7 @@ def rendered(content: Report, views: dict[str, Any], methods: str, significance_
         lstrip_blocks=True,
     )
     environment.filters |= {"number": _number, "level": _level, "share": _share, "second": second_in_words, "held": held_in_words}
+    environment.filters["travel"] = travel_in_words
     bars = [v for b in content.bars for level in (b.fit, b.held_out) for v in (level.before, level.after) if v is not None]
     return environment.get_template("page").render(
         r=content,

@@ -68,6 +68,27 @@ def test_a_spot_has_its_power_and_its_middle_however_small_it_is(middle: float, 
     assert 0.0 < least.spread == pytest.approx(0.1 * float(np.max(np.diff(heights))))
 
 
+def test_a_spot_that_travels_is_at_every_time_where_it_is_then() -> None:
+    """The answer to every hat in time is that of a spot at rest there; of all with an amount it is their sum."""
+    joint, base = model(study()), Parameters.of(TRUTH)
+    missing = joint.missing
+    assert isinstance(missing, BodyMissing)
+    rest = replace(missing.spot(5), spread=3.0)
+    along = np.array([-8.0, -3.0, 1.0, 4.0, 9.0])
+    grid = replace(rest, y=np.array([1.5]), along=along)
+    assert grid.places == 1 and grid.size == 5 and grid.heights == pytest.approx(1.5 + along)
+    chosen = np.array([0, 2, 3, 4])
+    (found,) = (missing.answers("heat", base, grid, chosen)[field] for field in ("theta",))
+    for n, k in enumerate(chosen):
+        there = missing.answers("heat", base, replace(rest, y=grid.heights[k : k + 1]), chosen[n : n + 1])["theta"]
+        assert np.abs(there).max() > 1e-3 and found[..., n] == pytest.approx(there[..., 0], abs=1e-9 * np.abs(there).max())
+    amount = np.array([1.0, -2.0, 0.5, 3.0])
+    slopes = missing.slopes("heat", base, grid, chosen, amount, ("kappa",))["theta"][..., 0]
+    step = 1e-3 * base["kappa"]
+    more = missing.answers("heat", base.replace(kappa=base["kappa"] + step), grid, chosen)["theta"] @ amount
+    assert slopes == pytest.approx((more - found @ amount) / step, abs=2e-3 * np.abs(slopes).max())
+
+
 @pytest.mark.parametrize(
     ("kind", "channel", "amount", "within"),
     [

@@ -559,7 +559,7 @@ def _effect_parameters(console: Console, beside: Mapping[str, Any] | None) -> No
     if beside is None:
         return
     if beside["failed"]:
-        console.print(f"! {beside['failed']}; those that temperatures feel have no standard errors", soft_wrap=True)
+        console.print(f"! {beside['failed']}; those that act on temperatures have no standard errors", soft_wrap=True)
         return
     table = _table("parameters beside the unlisted term, which drives those of the joint fit off", ("", "beside it", "joint fit", "unit"))
     for name, row in beside["values"].items():

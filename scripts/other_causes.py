@@ -75,7 +75,7 @@ def _slid(theta: np.ndarray, y: np.ndarray, time: float, amount: float) -> np.nd
 
 
 _PULSE = "0.5 * (np.tanh((time - {0}) / 1.5) - np.tanh((time - {1}) / 1.5))"
-_JAWS = ("clamp_drift", "clamp_difference", "local_source")
+_JAWS = ("clamp_drift", "clamp_step", "clamp_difference", "local_source")
 _LAWS = ("second_hardening", "linear_hardening", "yield_plateau", "backstress_first", "backstress_second", "hardening_curve")
 """Of the curve of any form the answer is `unlisted`, in the stress."""
 CAUSES: dict[str, Cause] = {

@@ -16,7 +16,7 @@ from thermofit.experiment.prescribed import CALIBRATION, acting, calibration, co
 from thermofit.experiment.stage_errors import stage_errors
 from thermofit.study.stages import ChannelSettings, PlasticStage
 
-STATED = "uncertainty: {force_class: 1, thickness: 0.012, width: 0.25, camera_scale: 0.001}\n"
+STATED = "uncertainty: {force_class: 1, thickness: 0.012, width: 0.25, camera_scale: 0.001, infrared_gain: 0.02}\n"
 PARAMETERS = Parameters.of(TRUTH, ("E", "M_y0"))
 
 
@@ -39,6 +39,25 @@ def test_an_area_or_a_force_that_errs_is_what_its_stand_in_makes(cause: str) -> 
     assert np.linalg.norm(told - made) < near * np.linalg.norm(made)
 
 
+def test_temperature_differences_that_are_too_large_by_the_gain_look_like_a_smaller_capacity() -> None:
+    """Two per cent of all temperatures above those of the surroundings; no other channel knows of it. Beside it c0 and beta are known no
+    better than that."""
+    case, measured = study(STATED), data()
+    names = ("kappa", "c0", "beta", "alpha_air", "alpha_clamp")
+    here = Joint(case, measured, joint_settings(case, names, measured), SIZE).model
+    found = of_specimen(case, measured.specimen, PARAMETERS.with_free(names))
+    slopes = here.linearised(PARAMETERS, acting(found))[1]
+    told = columns(found, acting(found), slopes)["infrared gain"][:, 0]
+    made = here.residual(PARAMETERS.replace(**{"ir_gain.gain": 0.02})) - here.residual(PARAMETERS)
+    of_heat = np.concatenate([np.full(c.n, c.channel == "dtheta") for c in here.comparisons])
+    assert np.abs(made[of_heat]).max() > 0.1 and not made[: len(of_heat)][~of_heat].any()
+    assert np.allclose(told, made, atol=1e-6 * np.abs(made).max())
+    jacobian = here.linearised(PARAMETERS, names)[1]
+    moved = -np.linalg.lstsq(jacobian, told, rcond=None)[0]
+    by = dict(zip(names, moved / [PARAMETERS[n] for n in names], strict=True))
+    assert abs(by["c0"]) == pytest.approx(0.02, rel=0.3), by
+
+
 def test_a_thicker_or_wider_specimen_has_less_surface_for_its_volume() -> None:
     """Exchange per volume is alpha_air 2 (w + t)/(w t): what the stand-in takes off is its relative slope, by differences here."""
     found, alpha = of_specimen(study(STATED), SPECIMEN, PARAMETERS), PARAMETERS["alpha_air"]
@@ -58,7 +77,9 @@ def test_what_is_free_is_no_cause_and_what_is_not_stated_neither() -> None:
     assert set(plain) == {"theta_air", "theta_clamp"} and plain["theta_air"] == {"theta_air": 0.1}
     assert set(of_specimen(study(), SPECIMEN, PARAMETERS.with_free(("theta_air", "E")))) == {"theta_clamp"}
     stated = of_specimen(study(STATED), SPECIMEN, PARAMETERS)
-    assert set(stated) - set(plain) == {"force calibration", "thickness", "width", "camera scale"}
+    assert set(stated) - set(plain) == {"force calibration", "thickness", "width", "camera scale", "infrared gain"}
+    free = of_specimen(study(STATED), SPECIMEN, PARAMETERS.with_free(("ir_gain.gain", "dic_scale.error")))
+    assert set(stated) - set(free) == {"camera scale", "infrared gain"}
     assert stated[CALIBRATION]["force_scale.gain"] == pytest.approx(0.01 / np.sqrt(3.0)), "limits of a class are no standard error"
     several = of_test(stated, "second", frozenset({"force_scale.gain", "alpha_air"}))
     assert several["thickness@second"].keys() == {"force_scale.gain@second", "alpha_air@second"}

@@ -1,6 +1,7 @@
 """What a test prescribes and somebody has measured: by how much its error moves parameters of the model that stand for it.
 
-An error of the load cell is the gain of the effect `force_scale`, one of the displacements' scale that of `dic_scale`. A specimen that is
+An error of the load cell is the gain of the effect `force_scale`, one of the displacements' scale that of `dic_scale`, one of temperature
+differences in the image that of `ir_gain`. A specimen that is
 thicker by a part e than was measured feels F / (1 + e): its thickness acts as a gain -e of the force, and its surface, 2 (w + t) / (w t)
 per volume, gives off less heat by e w / (w + t). The width likewise.
 """
@@ -16,8 +17,8 @@ from thermofit.core.parameters import AT, THERMOCOUPLES, Parameters, bare_name, 
 from thermofit.experiment.priors import prior_sigma
 from thermofit.study.study import Study
 
-CALIBRATION, AREA_THICKNESS, AREA_WIDTH, SCALE = "force calibration", "thickness", "width", "camera scale"
-_GAIN, _SCALE = "force_scale.gain", "dic_scale.error"
+CALIBRATION, AREA_THICKNESS, AREA_WIDTH, SCALE, INFRARED = "force calibration", "thickness", "width", "camera scale", "infrared gain"
+_GAIN, _SCALE, _INFRARED = "force_scale.gain", "dic_scale.error", "ir_gain.gain"
 _OF_FORCE = ("MPa", "mW/(mm K)", "mJ/(mm^3 K)", "W/(m^2 K)", "mJ/mm^3", "mW/mm^2")
 """Units that hold a force: a law in which all parameters of these units are larger by a part e needs a force larger by e, for the same
 strains and temperatures."""
@@ -46,13 +47,15 @@ def of_specimen(study: Study, specimen: Specimen, parameters: Parameters) -> dic
         found[AREA_WIDTH] = {_GAIN: -e, "alpha_air": -e * t / (w + t) * parameters["alpha_air"]}
     if told.camera_scale is not None:
         found[SCALE] = {_SCALE: told.camera_scale}
+    if told.infrared_gain is not None:
+        found[INFRARED] = {_INFRARED: told.infrared_gain}
     found |= stated(study, parameters)
     for name in THERMOCOUPLES:
         sigma = prior_sigma(study, name)
         if sigma is not None:
             found[name] = {name: sigma}
     free = {bare_name(name) for name in parameters.free}
-    return {cause: moved for cause, moved in found.items() if not {cause, *moved} & (free & {*THERMOCOUPLES, _GAIN, _SCALE})}
+    return {cause: moved for cause, moved in found.items() if not {cause, *moved} & (free & {*THERMOCOUPLES, _GAIN, _SCALE, _INFRARED})}
 
 
 def stated(study: Study, parameters: Parameters) -> dict[str, Moved]:

@@ -328,6 +328,8 @@ class Uncertainty(Section):
     """Standard uncertainty of the width of the gauge, mm."""
     camera_scale: Positive | None = None
     """Relative standard uncertainty of the scale of the displacements."""
+    infrared_gain: Positive | None = None
+    """Relative standard uncertainty of temperature differences seen by the infrared camera: its calibration and the emissivity."""
     parameters: dict[ParameterName, Positive] = Field(default={})
     """Standard uncertainties of parameters that the study prescribes, by name, in their units, as if independent of each other. A test
     without displacements takes its mechanical parameters so."""

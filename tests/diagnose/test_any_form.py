@@ -217,6 +217,36 @@ def test_it_wins_where_the_winner_leaves_more_than_it_takes(
     assert found is not None and found[0].effects == (wins,)
 
 
+@pytest.mark.parametrize(
+    ("name", "left", "asked"),
+    [("rate_power", 2.0, True), ("thermal_softening", 2.0, True), ("backstress_first", 2.0, True), ("rate_power", 1.5, False),
+     ("lamp", 2.0, False), ("elastic_degradation", 2.0, False)],
+)  # fmt: skip
+def test_it_is_asked_for_where_a_law_of_the_flow_leaves_more_than_a_tenth(
+    monkeypatch: pytest.MonkeyPatch, name: str, left: float, asked: bool
+) -> None:
+    """Though it takes most: of 16 - 1 times the square of the noise in displacements 3 are left, or 1.25. What does not act on the flow
+    stress is no law of another form."""
+    made: list[str] = []
+
+    def of_any_form(*_: Any) -> Any:
+        made.append("asked")
+        return [], None
+
+    monkeypatch.setattr(any_form, "of_any_form", of_any_form)
+    monkeypatch.setattr(any_form, "leaves_more_than_it_takes", lambda *_: False)
+    nothing: Any = None
+    winner: Any = (Trial((any_form.hidden(name),), Proof(2.0, 1.0, {}, 0.8, 0.01, 5), {}, {}, 0.0, ""), (traced(left), "fit"))
+    here = traced(4.0)
+    assert or_any_form(here, nothing, nothing, [], winner, here) == ([], winner) and bool(made) is asked
+
+
+def test_what_is_at_its_floor_is_of_no_other_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However little there was before."""
+    winner: Any = (Trial((any_form.hidden("rate_power"),), None, {}, {}, 0.0, ""), (traced(1.01), "fit"))
+    assert not any_form.of_another_form(traced(1.04), winner)
+
+
 def test_a_fit_over_fewer_strains_begins_with_the_curve_of_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     """Which is that of the first: half of the strains go on from it, and so does a quarter, for the half was worse."""
     told = Trial((any_form.hidden("hardening_curve"),), None, {}, {}, 0.0, "")

@@ -1,9 +1,10 @@
 """The hardening of a body where no effect of the catalogue has its form: a curve over the plastic strain, added as an effect is.
 
 A law that is wrong leaves displacements, and drives off everything else that is fitted. Temperatures on a wrong motion say little. So where
-displacements or force are beyond their floor, and nothing listed was accepted or it leaves more than it takes, the yield stress is fitted
-as a curve of any form beside the hardening law. It has to predict held-out data better, as any other effect has to. It
-names nothing: the curve is told as unlisted, and what else is missing is looked for beside it.
+displacements or force are beyond their floor, and nothing listed was accepted, or it leaves more than it takes, or is a law of the flow
+that leaves more than a tenth of what they held, the yield stress is fitted as a curve of any form beside the hardening law. It has to
+predict held-out data better, as any other effect has to. It names nothing: the curve is told as unlisted, and what else is missing is
+looked for beside it.
 
 What of a law is stored is a part of its form as well, and is not known of one that a wrong form has driven off. So the law is fitted
 beside the curve (`curve_and_law`), and how the dissipation changes with plastic strain where that is worth it. Else a heat that goes with
@@ -34,6 +35,8 @@ FURTHER = 5
 """Refits at most that go on from where the one before was cut off."""
 GOES_ON = 0.02
 """Part by which the objective has to fall for another one."""
+OF_FLOW = ("yield_stress", "yield_factor", "backstress")
+"""Slots of effects on the flow stress."""
 STORED = "stored_energy"
 """The effect that says how the dissipation changes with plastic strain."""
 
@@ -45,16 +48,25 @@ def or_any_form(
     here: Traced, fit: FitResult, means: Means, before: Sequence[Trial], winner: Winner | None, first: Traced
 ) -> tuple[list[Trial], Winner | None]:
     """The trial of the curve after those of a round (`before`), and what the round accepts: its own `winner`, or the curve where there is
-    none, or where the winner leaves more than it takes and the curve predicts held-out data better by two standard errors. What has another
-    form than any that is listed is taken in part by many; the parts would be accepted one after the other. Where effects that were accepted
+    none, or where the winner leaves more than it takes, or is a law of the flow of another form (`of_another_form`), and the curve predicts
+    held-out data better by two standard errors. What has another form than any that is listed is taken in part by many; the parts would be
+    accepted one after the other. Where effects that were accepted
     since the `first` trace have taken nine tenths of what displacements and force held, the hardening has the form that is listed."""
-    if winner is not None and not leaves_more_than_it_takes(here, fit, before):
+    if winner is not None and not leaves_more_than_it_takes(here, fit, before) and not of_another_form(here, winner):
         return [], winner
     if first is not here and beyond(here) <= BEHIND * beyond(first):
         return [], winner
     trials, curve = of_any_form(here, fit, means)
     better = curve is not None and (winner is None or surely_better(curve[1][0], winner[1][0]))
     return trials, curve if better else winner
+
+
+def of_another_form(here: Traced, winner: Winner) -> bool:
+    """Whether an effect on the flow stress leaves more than a tenth of what displacements and force held beyond their floor, and these are
+    not at it: that which is the cause does not."""
+    trial, (end, _) = winner
+    flows = any(effect(name).slot in OF_FLOW for name in trial.effects)
+    return flows and above_floor(end) and beyond(end) > BEHIND * beyond(here)
 
 
 def of_any_form(here: Traced, fit: FitResult, means: Means) -> tuple[list[Trial], Winner | None]:

@@ -22,12 +22,13 @@ from thermofit.diagnose.loop import (
     backward_check,
     candidates,
     close_loop,
+    is_held,
     next_round,
 )
 from thermofit.diagnose.rejudge import Rejudged
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trial import Trial, near_scan
-from thermofit.report.findings import remark_of
+from thermofit.report.findings import estimates_in_words, remark_of
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 FIT: Any = None
@@ -245,10 +246,35 @@ def test_what_the_last_round_accepted_is_not_asked_whether_it_is_still_needed(mo
     refit: Any = None
     last: Any = "last"
     monkeypatch.setattr(module, "still_needed", lambda *_: False)
+    monkeypatch.setattr(module, "is_held", lambda *_: False)
     monkeypatch.setattr(module, "proof_against", lambda *_: Proof(1.0, 1.0, {}, -0.1, 0.01, 5))
     monkeypatch.setattr(module, "without", lambda here, name, _: (f"{here} without {name}", None))
     found = backward_check(Closed(rounds, last, last, FIT, ("a", "b", "c"), (), refit, None), "auto")
     assert found.dropped == ("a",) and found.accepted == ("b", "c") and found.last == "last without a"  # type: ignore[comparison-overlap]
+    monkeypatch.setattr(module, "is_held", lambda here, name: here == "last" and name == "a")
+    found = backward_check(Closed(rounds, last, last, FIT, ("a", "b", "c"), (), refit, None), "auto")
+    assert found.accepted == ("a", "b", "c") and found.last == "last", "a part of the law that a curve of any form was fitted beside"
+
+
+def test_what_is_held_has_no_standard_error_in_the_verdict() -> None:
+    """Beside a curve of any form the law is held, with what was added to it before."""
+    values = {"H_lin": 278.9, "clamp_drift.rate": 0.02, "clamp_drift.apart": 0.001}
+    closed: Any = SimpleNamespace(
+        fit=SimpleNamespace(names=("clamp_drift.rate",), sigma=np.array([0.0003])),
+        last=SimpleNamespace(case=SimpleNamespace(parameters=values)),
+    )
+    assert estimates_in_words(closed, "linear_hardening") == "H_lin 278.9 MPa, held"
+    assert estimates_in_words(closed, "clamp_drift") == "rate 0.02 +- 0.0003 K/s, apart 0.001 K/s, held"
+    closed.fit.sigma = None
+    assert estimates_in_words(closed, "clamp_drift").startswith("rate 0.02 K/s, no standard error")
+
+
+def test_an_effect_none_of_whose_amplitudes_is_fitted_is_held() -> None:
+    def here(*free: str) -> Any:
+        return SimpleNamespace(case=SimpleNamespace(parameters=SimpleNamespace(free=free)))
+
+    assert is_held(here("M_y0", "hardening_curve.level"), "linear_hardening") and not is_held(here("H_lin"), "linear_hardening")
+    assert not is_held(here("clamp_drift.apart"), "clamp_drift") and is_held(here("clamp_drift.time"), "clamp_drift")
 
 
 @dataclass(frozen=True)

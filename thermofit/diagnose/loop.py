@@ -24,6 +24,7 @@ from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.score import OVER_NUMERICAL, Score
 from thermofit.diagnose.trace import Traced, at_end, traced
 from thermofit.diagnose.trial import Accepted, Trial, discriminated, moves_material, surely_better, tried
+from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import Budget
 from thermofit.fit.result import FitResult
@@ -270,11 +271,11 @@ def _with_its_like(trial: Trial, end: Traced, ends: Mapping[str, Traced]) -> Tri
 
 def backward_check(closed: Closed, how: str) -> Closed:
     """Without the effects that those of later rounds have made needless: where one step says so, and the refit without them does not say
-    otherwise."""
+    otherwise. One that is held is a part of the law beside which a curve of any form was fitted: nothing can be asked of it alone."""
     here, fit, means, remarks = closed.last, closed.fit, Means(closed.refit, closed.numerical, how), list(closed.remarks)
     dropped = list(closed.dropped)
     latest = closed.rounds[-2].accepted if len(closed.rounds) > 1 else ()
-    for name in (n for n in closed.accepted if n not in latest):
+    for name in (n for n in closed.accepted if n not in latest and not is_held(closed.last, n)):
         needed, others = still_needed(here, name), [n for n in closed.accepted if n != name and n not in dropped]
         try:
             found = compensated(here, name, others, means) if needed else without(here, name, means)
@@ -286,6 +287,11 @@ def backward_check(closed: Closed, how: str) -> Closed:
             dropped.append(name)
     names = tuple(n for n in closed.accepted if n not in dropped)
     return replace(closed, last=here, fit=fit, accepted=names, dropped=tuple(dropped), remarks=tuple(remarks))
+
+
+def is_held(here: Traced, name: str) -> bool:
+    """Whether no amplitude of an effect is fitted."""
+    return not any(p.name in here.case.parameters.free for p in effect(name).amplitudes)
 
 
 def against_base(closed: Closed, how: str) -> Closed:

@@ -302,17 +302,19 @@ def _verdict(closed: Closed, table: dict[str, Any]) -> str:
         return f"nothing added: no effect lowers the held-out error by more than its uncertainty; {errors}"
     names = []
     for name, others in like_of(closed).items():
-        names.append(f"{name} ({_estimates(closed, name)})" + (f" or its like ({', '.join(others)})" if others else ""))
+        names.append(f"{name} ({estimates_in_words(closed, name)})" + (f" or its like ({', '.join(others)})" if others else ""))
     return f"added {', '.join(names)}; {errors}"
 
 
-def _estimates(closed: Closed, name: str) -> str:
-    """Amplitudes of an accepted effect at the last optimum, with their standard errors."""
-    parts = []
+def estimates_in_words(closed: Closed, name: str) -> str:
+    """Amplitudes of an accepted effect at the last optimum, with their standard errors; which of them are held there, as those of a law
+    beside a curve of any form."""
+    parts, fit = [], closed.fit
     for p in effect(name).amplitudes:
-        sigma = closed.fit.sigma[closed.fit.names.index(p.name)] if closed.fit.sigma is not None else float("nan")
         unit = "" if p.unit == "1" else f" {p.unit}"
-        parts.append(f"{p.name.rpartition('.')[2]} {closed.last.case.parameters[p.name]:.4g} +- {sigma:.2g}{unit}")
+        sigma = float(fit.sigma[fit.names.index(p.name)]) if fit.sigma is not None and p.name in fit.names else float("nan")
+        said = f" +- {sigma:.2g}{unit}" if np.isfinite(sigma) else f"{unit}, {'no standard error' if p.name in fit.names else 'held'}"
+        parts.append(f"{p.name.rpartition('.')[2]} {closed.last.case.parameters[p.name]:.4g}{said}")
     return ", ".join(parts)
 
 

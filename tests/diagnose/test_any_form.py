@@ -219,8 +219,8 @@ def test_it_wins_where_the_winner_leaves_more_than_it_takes(
 
 @pytest.mark.parametrize(
     ("name", "left", "asked"),
-    [("rate_power", 2.0, True), ("thermal_softening", 2.0, True), ("backstress_first", 2.0, True), ("rate_power", 1.5, False),
-     ("lamp", 2.0, False), ("elastic_degradation", 2.0, False)],
+    [("rate_power", 2.0, True), ("thermal_softening", 2.0, True), ("backstress_first", 2.0, True), ("linear_hardening", 2.0, True),
+     ("rate_power", 1.5, False), ("hill_anisotropy", 2.0, False), ("lamp", 2.0, False), ("elastic_degradation", 2.0, False)],
 )  # fmt: skip
 def test_it_is_asked_for_where_a_law_of_the_flow_leaves_more_than_a_tenth(
     monkeypatch: pytest.MonkeyPatch, name: str, left: float, asked: bool

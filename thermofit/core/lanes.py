@@ -267,13 +267,19 @@ def _polynomial(c: tuple[float, ...], x: Lanes) -> Lanes:
     return value
 
 
-@kernel
-def _exponential(x: Lanes) -> Lanes:
-    """exp x = 2^n (cosh r + sinh r), |r| < ln 2 / 2, to the last digit or two; x beyond +-708 counts as +-708."""
+@kernel(forceinline=True)
+def _reduced(x: Lanes) -> tuple[Lanes, Lanes]:
+    """n + _ROUND and r of x = n ln 2 + r, |r| < ln 2 / 2; x beyond +-708 counts as +-708."""
     x = where(x > _EXP_LIMIT, _EXP_LIMIT, where(x < -_EXP_LIMIT, -_EXP_LIMIT, x))
     rounded = x * _LOG2_E + _ROUND
     n = rounded - _ROUND
-    r = (x - n * _LN2_HIGH) - n * _LN2_LOW
+    return rounded, (x - n * _LN2_HIGH) - n * _LN2_LOW
+
+
+@kernel
+def _exponential(x: Lanes) -> Lanes:
+    """exp x = 2^n (cosh r + sinh r), |r| < ln 2 / 2, to the last digit or two; x beyond +-708 counts as +-708."""
+    rounded, r = _reduced(x)
     s = r * r
     return (_polynomial(_COSH, s) + r * _polynomial(_SINH, s)) * _power_of_two(rounded)
 
@@ -291,10 +297,7 @@ def _logarithm(x: Lanes) -> Lanes:
 @kernel
 def _exponential_less_one(x: Lanes) -> Lanes:
     """exp x - 1 = 2^n (cosh r - 1 + sinh r) + (2^n - 1), |r| < ln 2 / 2, to the last digits also next to x = 0; x as for exp."""
-    x = where(x > _EXP_LIMIT, _EXP_LIMIT, where(x < -_EXP_LIMIT, -_EXP_LIMIT, x))
-    rounded = x * _LOG2_E + _ROUND
-    n = rounded - _ROUND
-    r = (x - n * _LN2_HIGH) - n * _LN2_LOW
+    rounded, r = _reduced(x)
     s = r * r
     scale = _power_of_two(rounded)
     return scale * (s * _polynomial(_COSH[:-1], s) + r * _polynomial(_SINH, s)) + (scale - 1.0)
@@ -384,14 +387,6 @@ def _of_lanes(implementation: Any) -> Callable[[Any], Any]:
     return lambda x: (lambda x: implementation(x)) if x is LANES else None
 
 
-def _absolute(x: Any) -> Any:
-    return (lambda x: abs(x)) if x is LANES else None
-
-
-def _root(x: Any) -> Any:
-    return (lambda x: math.sqrt(x)) if x is LANES else None
-
-
 OF_NUMPY = ("abs", "sqrt", "exp", "expm1", "log", "log1p", "sinh", "cosh", "tanh", "arcsinh")
 """Functions of numpy that take lanes."""
 _FOUND = {
@@ -403,8 +398,8 @@ _FOUND = {
     "cosh": _of_lanes(_hyperbolic_cosine),
     "tanh": _of_lanes(_hyperbolic_tangent),
     "arcsinh": _of_lanes(_area_sine),
-    "abs": _absolute,
-    "sqrt": _root,
+    "abs": _of_lanes(abs),
+    "sqrt": _of_lanes(math.sqrt),
 }
 for _function, _name in ((math.exp, "exp"), (math.log, "log"), *((getattr(np, name), name) for name in OF_NUMPY)):
     extending.overload(_function, strict=False)(_FOUND[_name])

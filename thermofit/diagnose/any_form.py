@@ -36,7 +36,7 @@ FURTHER = 5
 GOES_ON = 0.02
 """Part by which the objective has to fall for another one."""
 OF_FLOW = ("yield_stress", "yield_factor", "backstress")
-"""Slots of effects on the flow stress."""
+"""Slots of effects on the flow stress, but for linear hardening, which is of the base law."""
 STORED = "stored_energy"
 """The effect that says how the dissipation changes with plastic strain."""
 
@@ -50,8 +50,8 @@ def or_any_form(
     """The trial of the curve after those of a round (`before`), and what the round accepts: its own `winner`, or the curve where there is
     none, or where the winner leaves more than it takes, or is a law of the flow of another form (`of_another_form`), and the curve predicts
     held-out data better by two standard errors. What has another form than any that is listed is taken in part by many; the parts would be
-    accepted one after the other. Where effects that were accepted
-    since the `first` trace have taken nine tenths of what displacements and force held, the hardening has the form that is listed."""
+    accepted one after the other. Where effects that were accepted since the `first` trace have taken nine tenths of what displacements and
+    force held, the hardening has the form that is listed."""
     if winner is not None and not leaves_more_than_it_takes(here, fit, before) and not of_another_form(here, winner):
         return [], winner
     if first is not here and beyond(here) <= BEHIND * beyond(first):
@@ -65,7 +65,7 @@ def of_another_form(here: Traced, winner: Winner) -> bool:
     """Whether an effect on the flow stress leaves more than a tenth of what displacements and force held beyond their floor, and these are
     not at it: that which is the cause does not."""
     trial, (end, _) = winner
-    flows = any(effect(name).slot in OF_FLOW for name in trial.effects)
+    flows = any(e.slot in OF_FLOW or LINEAR in e.names for e in map(effect, trial.effects))
     return flows and above_floor(end) and beyond(end) > BEHIND * beyond(here)
 
 

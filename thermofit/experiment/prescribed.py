@@ -1,9 +1,8 @@
 """What a test prescribes and somebody has measured: by how much its error moves parameters of the model that stand for it.
 
 An error of the load cell is the gain of the effect `force_scale`, one of the displacements' scale that of `dic_scale`, one of temperature
-differences in the image that of `ir_gain`. A specimen that is
-thicker by a part e than was measured feels F / (1 + e): its thickness acts as a gain -e of the force, and its surface, 2 (w + t) / (w t)
-per volume, gives off less heat by e w / (w + t). The width likewise.
+differences in the image that of `ir_gain`. A specimen that is thicker by a part e than was measured feels F / (1 + e): its thickness acts
+as a gain -e of the force, and its surface, 2 (w + t) / (w t) per volume, gives off less heat by e w / (w + t). The width likewise.
 """
 
 from __future__ import annotations

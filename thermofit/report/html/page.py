@@ -90,8 +90,8 @@ def rendered(content: Report, views: dict[str, Any], methods: str, significance_
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": _number, "level": _level, "share": _share, "second": second_in_words, "held": held_in_words}
-    environment.filters["travel"] = travel_in_words
+    environment.filters |= {"number": _number, "level": _level, "share": _share}
+    environment.filters |= {"travel": travel_in_words, "second": second_in_words, "held": held_in_words}
     bars = [v for b in content.bars for level in (b.fit, b.held_out) for v in (level.before, level.after) if v is not None]
     return environment.get_template("page").render(
         r=content,

@@ -108,7 +108,11 @@ def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(
     unlisted_lines(Console(file=out, width=140), said)
     shown = " ".join(out.getvalue().split())
     assert "1.234 +- 0.4" in shown
-    assert ("! no run there" in shown) if failed else ("131.2 +- 4" in shown and "98.76" in shown)
+    assert (
+        ("! no run there; those that act on temperatures have no standard errors" in shown)
+        if failed
+        else ("131.2 +- 4" in shown and "98.76" in shown)
+    )
     second = "standard errors hold that there may be another history beside it: an offset of the infrared camera"
     assert (second in shown) == ("standard errors hold" in shown) == (offset > 0.0 and not failed) and "jaws" not in shown
     travels = "taken for one spot that travels at 0.123 +- 0.0007 mm/s, and is at y = -1.3 mm at 105.5 s"

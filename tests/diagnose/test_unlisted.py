@@ -18,7 +18,7 @@ from strip import MODEL, THICK, Source, numerical, spot, strip_case
 from thermofit.cli.printing import unlisted_lines
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import jsonable
-from thermofit.diagnose.beside_source import beside_source
+from thermofit.diagnose.beside_source import Spot, beside_source
 from thermofit.diagnose.case import RefinedProblem
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.trace import Traced, traced
@@ -87,6 +87,12 @@ def test_a_heat_through_the_free_surface_is_told_as_such(tmp_path: Path, power: 
     said = described(study, here, found, beside)
     assert said is not None and said["where"] == {"surface": "all"} and said["unit"] == "mW/mm^2" and said["energy_mJ"] is None
     assert beside.second and set(beside.second) == {"offset"} and said["parameters"]["second"] == beside.second
+    for one, travels in ((Spot(1.5, None), (None, None, None)), (Spot(1.5, 2.0, (0.12, 0.01), 50.0), (0.12, 0.01, 50.0))):
+        told = described(study, here, found, replace(beside, spot=one))
+        assert told is not None and told["parameters"]["spot"] == {
+            **{"y_mm": 1.5, "spread_mm": one.spread},
+            **dict(zip(("velocity_mm_per_s", "velocity_sigma", "at_s"), travels, strict=True)),
+        }
     assert "the same everywhere from" in in_words(said) and f"mW/mm^2 at {said['steps'][0]['time_s']:.4g} s" in in_words(said)
     module = _loaded(Path(said["effect_file"]))
     shown = module.surface_flux(np.full(2, 300.0), 0.5 * sum(when), np.full(2, 297.0), 1.0)

@@ -275,6 +275,25 @@ def test_parameters_beside_a_spot_that_travels(monkeypatch: pytest.MonkeyPatch) 
     assert as_spot(here, found) in [(None, LEAVES), (None, UNSETTLED)]
 
 
+def test_where_nothing_settles_beside_one_that_travels_it_is_one_at_rest(
+    monkeypatch: pytest.MonkeyPatch, one: tuple[Traced, Unlisted, Unlisted]
+) -> None:
+    """And where hats show no way it is at rest from the first."""
+    here, found, spot = one
+    asked: list[Grid] = []
+
+    def fitted_spot(there: Traced, missing: Unlisted, grid: Grid) -> Any:
+        asked.append(grid)
+        return (None, UNSETTLED) if grid.along is not None else (spot, "")
+
+    monkeypatch.setattr(module, "fitted_spot", fitted_spot)
+    assert as_spot(here, found) == (spot, "") and [g.along for g in asked] == [None]
+    monkeypatch.setattr(module, "travels", lambda *_: np.array([3.0, 0.2, 50.0]))
+    asked.clear()
+    assert as_spot(here, found) == (spot, "") and len(asked) == 2 and asked[1].along is None
+    assert asked[0].y == 3.0 and asked[0].along is not None and np.allclose(asked[0].along, 0.2 * (asked[0].time - 50.0))
+
+
 def test_a_spot_that_the_mesh_may_not_show_tells_no_parameters(one: tuple[Traced, Unlisted, Unlisted]) -> None:
     """Where its errors cannot be told beside it."""
     here, found, _ = one

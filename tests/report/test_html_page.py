@@ -248,6 +248,7 @@ def test_parameters_beside_an_unlisted_heat_are_on_the_page(tmp_path: Path) -> N
     beside = {
         "values": values,
         "failed": "",
+        "spot": {"y_mm": -1.302, "spread_mm": None, "velocity_mm_per_s": 0.1234, "velocity_sigma": 0.0007, "at_s": 105.52},
         "second": {"jaws": 0.6, "offset": 0.01},
         "held": {"rate_power.m": 0.25},
         "untold": ["it counts as exact"],
@@ -257,11 +258,12 @@ def test_parameters_beside_an_unlisted_heat_are_on_the_page(tmp_path: Path) -> N
     _, page, _ = page_of(told)
     second = "standard errors hold that there may be another history beside it: a change of the temperature of the jaws"
     held = "rate_power.m = 0.25: held beside it; standard errors hold what other values would change"
-    assert second in page.texts["p"] and held in page.texts["p"] and "it counts as exact" in page.texts["p"]
+    travels = "taken for one spot that travels at 0.123 +- 0.0007 mm/s, and is at y = -1.3 mm at 105.5 s"
+    assert {second, held, travels, "it counts as exact"} <= set(page.texts["p"])
     assert "Parameters beside it" in page.texts["h3"] and {"141.5", "2.5", "97.25"} <= set(page.texts["td"]) and page.wrong == []
     made.whole_run(failed, unlisted={**unlisted, "parameters": {"values": {}, "failed": "a run failed", "second": {}}}, trustworthy=False)
     _, page, _ = page_of(failed)
-    assert "a run failed" in page.texts["p"] and "141.5" not in page.texts["td"]
+    assert "a run failed; those that act on temperatures have no standard errors" in page.texts["p"] and "141.5" not in page.texts["td"]
     made.whole_run(alone, unlisted={**unlisted, "parameters": None}, trustworthy=False)
     assert "Parameters beside it" not in page_of(alone)[1].texts["h3"]
 

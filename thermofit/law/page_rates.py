@@ -204,8 +204,9 @@ def pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndar
 
 def set_pressure_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray, out: Sequence[np.ndarray]) -> None:
     """`pressure_gradients` of points (n_el, 8) into arrays (n_el, 8), one for each derivative."""
+    j = np.exp(points[0])
     for k, (h, moved) in enumerate(_moves(2, law, active)):
-        _pressure_derivative(points[0], points[1], h, moved, out[k])
+        _pressure_derivative((points[0], j, points[1]), h, moved, out[k])
 
 
 def dissipation_gradients(points: tuple[np.ndarray, ...], law: Law, active: np.ndarray) -> np.ndarray:
@@ -306,12 +307,13 @@ def _yield_derivative(
 
 
 @kernel
-def _pressure_derivative(log_j: np.ndarray, theta: np.ndarray, h: tuple[float, float], law: Law, out: np.ndarray) -> None:
+def _pressure_derivative(points: tuple[np.ndarray, np.ndarray, np.ndarray], h: tuple[float, float], law: Law, out: np.ndarray) -> None:
+    """points = (ln J, J, theta), each (n_el, 8)."""
+    log_j, j, theta = points
     for e in range(log_j.shape[0]):
         for q in range(log_j.shape[1]):
-            j = np.exp(log_j[e, q])
             log_j_moved: Complex = complex(log_j[e, q], h[0])
-            j_moved: Complex = complex(j, j * h[0])
+            j_moved: Complex = complex(j[e, q], j[e, q] * h[0])
             theta_moved: Complex = complex(theta[e, q], h[1])
             value: Complex = pressure_factor(log_j_moved, j_moved, theta_moved, law)[0]
             out[e, q] = value.imag / STEP

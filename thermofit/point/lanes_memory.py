@@ -2,6 +2,9 @@
 
 A workspace is a flat array in rows of eight numbers. Rows of any C-contiguous array whose last axis is 8 are counted over all its other
 axes.
+
+States and rates of all points do not stay in the processor's cache from one pass over the elements to the next. A kernel has those of the
+next point or element fetched while it works on this one: without, passes waited for memory half of their time.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import DOUBLES, INDEX, LANES, WIDTH, as_lanes, intrinsic, is_operand, types
 
+_PREFETCH = "llvm.prefetch.p0"
 _LINE = 64
 """Bytes that the processor reads at once: those of one row."""
 
@@ -59,6 +63,20 @@ def set_row(typing: Any, w: Any, n: Any, value: Any) -> Any:
 
 
 @intrinsic
+def prefetch_row(typing: Any, w: Any, n: Any) -> Any:
+    """Have the processor bring row n near before it is read or written; a row beyond the end does no harm."""
+
+    def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        address = builder.bitcast(_row_address(context, builder, signature.args[0], values[0], values[1]), ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [address.type, *[ir.IntType(32)] * 3])
+        function = builder.module.globals.get(_PREFETCH) or ir.Function(builder.module, kind, _PREFETCH)
+        builder.call(function, [address, *(ir.IntType(32)(n) for n in (0, 3, 1))])
+        return context.get_dummy_value()
+
+    return (types.none(w, types.intp), emit) if _is_memory(w) else None
+
+
+@intrinsic
 def at(typing: Any, w: Any, n: Any) -> Any:
     """The eight numbers from position n of a flat array on."""
 
@@ -79,6 +97,17 @@ def set_at(typing: Any, w: Any, n: Any, value: Any) -> Any:
         return context.get_dummy_value()
 
     return (types.none(w, types.intp, value), emit) if _is_memory(w) and w.ndim == 1 and value is LANES else None
+
+
+@intrinsic
+def number_at(typing: Any, w: Any, n: Any) -> Any:
+    """The number at position n of a flat array, where w[n] would first ask whether n counts from the end."""
+
+    def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return builder.load(builder.gep(data, [values[1]]))
+
+    return (types.float64(w, types.intp), emit) if _is_memory(w) and w.ndim == 1 else None
 
 
 @intrinsic
@@ -159,6 +188,13 @@ def lane_sum(typing: Any, value: Any) -> Any:
         return terms[0]
 
     return (types.float64(value), emit) if value is LANES else None
+
+
+@kernel(forceinline=True)
+def prefetch_rows(w: np.ndarray, first: int, n: int, step: int) -> None:
+    """`prefetch_row` for the n rows first, first + step, ..."""
+    for k in range(n):
+        prefetch_row(w, first + k * step)
 
 
 @kernel(forceinline=True)

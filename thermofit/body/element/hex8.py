@@ -19,7 +19,7 @@ from thermofit.body.element.shape import GAUSS_POINTS, SHAPE, ElementData, eleme
 from thermofit.body.element.stiffness import ELEMENT_ROWS
 from thermofit.core.jit import kernel
 from thermofit.law.page import Law
-from thermofit.point.lanes_memory import lane_workspace
+from thermofit.point.lanes_memory import lane_workspace, prefetch_rows
 from thermofit.point.lanes_rows import POINT_ROWS
 
 __all__ = ["GAUSS_POINTS", "SHAPE", "ElementData", "element_data", "element_pass", "reference_gradients", "shape_functions"]
@@ -51,6 +51,11 @@ def element_pass(
     for chunk in prange(_CHUNKS):
         w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(POINT_ROWS)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
+            prefetch_rows(data.inverse_jacobian, 9 * (e + 1), 9, 1)
+            prefetch_rows(state_n, (e + 1) * state_n.shape[2], state_n.shape[2], 1)
+            prefetch_rows(state, (e + 1) * state.shape[2], state.shape[2], 1)
+            if tangent:
+                prefetch_rows(stiffness, 72 * (e + 1), 72, 1)
             if not one_element(data, e, u, theta, state_n[e], law, tangent, w, point, force[e], stiffness[e], state[e], dilatation[e]):
                 failed[chunk] += 1
     return failed.sum()

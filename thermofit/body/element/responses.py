@@ -13,7 +13,7 @@ from thermofit.body.element.stiffness import ELEMENT_ROWS
 from thermofit.core.jit import kernel
 from thermofit.law.page import Law
 from thermofit.law.page_rates import Directions, set_pressure, set_pressure_gradients, set_yield_gradients
-from thermofit.point.lanes_memory import lane_workspace, set_row
+from thermofit.point.lanes_memory import lane_workspace, prefetch_rows, set_row
 from thermofit.point.rates import (
     ALPHA_BY_ALPHA,
     ALPHA_BY_GAMMA,
@@ -87,6 +87,10 @@ def _responses(
     for chunk in prange(_CHUNKS):
         w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
+            prefetch_rows(data.inverse_jacobian, 9 * (e + 1), 9, 1)
+            prefetch_rows(state_n, (e + 1) * state_n.shape[2], state_n.shape[2], 1)
+            prefetch_rows(state, (e + 1) * state.shape[2], state.shape[2], 1)
+            prefetch_rows(out, (e + 1) * out.shape[1], GRADIENTS, 1)
             f, j = element_kinematics(data, e, u, w)
             set_row(log_j, e, math.log(j))
             if further[0] > 0:

@@ -21,6 +21,7 @@ from thermofit.law.composition import restructured
 from thermofit.law.page import Law, is_transformed, law_in_step, released_energy, thermoelastic_heat
 from thermofit.law.page_rates import HILL, LANES, STEP, SURFACE, Directions, moved_law
 from thermofit.law.surface.catalogue import NUMBERS as OF_SURFACE
+from thermofit.point.lanes_memory import prefetch_rows
 from thermofit.point.state import ALPHA, LAMBDA
 
 _ALPHA_N, _ALPHA, _D_LAMBDA, _ACCUMULATED, WARM = range(5)
@@ -261,6 +262,8 @@ def _add_state_rates(
                     t += data.shape[q, a] * theta[data.hexes[e, a]]
                 copy_lanes(w, _HEAT, zero, 0)
                 for k in range(2):
+                    if dissipates:
+                        prefetch_rows(states[k], (((point + 8) * n_state + ALPHA) * m + b) // LANES, 2, m // LANES)
                     by_lambda = volume * (dissipation[_D_LAMBDA, e, q] * (2 * k - 1) + dissipation[_ACCUMULATED, e, q] * k)
                     add_lanes(w, _HEAT, volume * c * t * by_j[k][e, q], dilatations[k], point * m + b)
                     if dissipates:

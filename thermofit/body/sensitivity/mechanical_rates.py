@@ -29,7 +29,7 @@ from thermofit.law.page import Law
 from thermofit.law.page_rates import N_NUMBERS, Directions
 from thermofit.law.tensor import Symmetric
 from thermofit.point.lanes_fused import dot, product, product_added
-from thermofit.point.lanes_memory import lane_sum, lane_workspace, number, row, set_row
+from thermofit.point.lanes_memory import lane_sum, lane_workspace, number, prefetch_row, prefetch_rows, row, set_row
 from thermofit.point.lanes_tensor import Tensor, full, set_tensor_rows, tensor_scaled, transposed
 from thermofit.point.rates import (
     IS_PLASTIC,
@@ -197,7 +197,11 @@ def load_rates(
                 _set_numbers(along, group, point)
                 power, force_at = spread(0.0), 24 * e * n_groups + group
                 for q in range(8):
+                    if group == 0:
+                        _prefetch_next(data, response, out, e, q)
                     theta, n_state = _at_point(theta_rates, nodes, q, group), state_rates_n.shape[2]
+                    if state[e, q, LAMBDA] != 0.0:
+                        _prefetch_rates(state_rates_n, (8 * e + q) * n_state * n_groups + group, n_groups)
                     if along.structured:
                         place = ((8 * e + q) * n_state * n_groups + group, n_groups, state[e, q, LAMBDA] == 0.0)
                         set_row(point, THETA_RATE, theta)
@@ -215,6 +219,21 @@ def load_rates(
                     _add_nodal(w, q, m, out, force_at, n_groups)
                 if data.f_bar == 1:
                     _add_mean(w, power, out, force_at, n_groups)
+
+
+@kernel(forceinline=True)
+def _prefetch_rates(values: np.ndarray, at: int, step: int) -> None:
+    """Have the rates of the next point brought near while those of this one, whose state begins at row `at`, are at work."""
+    prefetch_rows(values, at + values.shape[2] * step, values.shape[2], step)
+
+
+@kernel(forceinline=True)
+def _prefetch_next(data: ElementData, response: np.ndarray, out: np.ndarray, e: int, q: int) -> None:
+    """Have an eighth of what the next element will read, and write to `out` (n_el, 24, m), brought near."""
+    n, n_groups = response.shape[1], out.shape[2] // WIDTH
+    prefetch_rows(out, (24 * (e + 1) + 3 * q) * n_groups, 3 * n_groups, 1)
+    prefetch_rows(response, (e + 1) * n + q, (n - q + 7) // 8, 8)
+    prefetch_row(data.inverse_jacobian, 9 * (e + 1) + q)
 
 
 @kernel(forceinline=True)
@@ -346,6 +365,8 @@ def update_rates(
                 _set_numbers(along, group, point)
                 mean, power_rate, force_at = _mean_dilatation(w, nodes, u_rates, group), spread(0.0), 24 * e * n_groups + group
                 for q in range(8):
+                    if group == 0:
+                        _prefetch_next(data, response, force, e, q)
                     virgin, point_at = state[e, q, LAMBDA] == 0.0, (8 * e + q) * n_groups
                     if (virgin or keeps) and not forces and not along.warms and data.f_bar == 1:
                         set_row(dilatation_rates, point_at + group, number(f_rows, 9, q) * mean)
@@ -359,6 +380,9 @@ def update_rates(
                     theta = _at_point(theta_rates, nodes, q, group)
                     fp_rate, accumulated, at = no_rate, o, point_at * state_rates_n.shape[2] + group
                     if not virgin:
+                        _prefetch_rates(state_rates_n, at, n_groups)
+                        if not keeps:
+                            _prefetch_rates(state_rates_new, at, n_groups)
                         if keeps:
                             fp_rate, accumulated = _tensor_at(state_rates_n, at, n_groups), row(state_rates_n, at + LAMBDA * n_groups)
                         elif along.structured:

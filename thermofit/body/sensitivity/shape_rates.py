@@ -14,17 +14,17 @@ import numpy as np
 
 from thermofit.body.element.hex8 import ElementData
 from thermofit.body.element.lanes import element_kinematics
-from thermofit.body.element.stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT
+from thermofit.body.element.stiffness import ELEMENT_ROWS, GRADIENT, J_WEIGHT, Vector, set_vector_rows
 from thermofit.body.heat.equation import FacetData
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import WIDTH, Lanes, multiply_add, spread
 from thermofit.law.page_rates import LANES
 from thermofit.point.lanes_fused import dot
-from thermofit.point.lanes_memory import lane_workspace, number, row, set_row
+from thermofit.point.lanes_memory import lane_workspace, number, prefetch_rows, row, set_row
 
 _H, _SLOPE = 0, 16
-"""Rows of the workspace of an element: weight J g_a . h of the points for both temperatures; behind them the map of u' to the result."""
+"""Rows of the workspace of an element: weight J g_a . h of the points for both temperatures; behind them the maps of u' to the results."""
 _MAP_ROWS = _SLOPE + 48
 Eight = tuple[Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes, Lanes]
 
@@ -36,14 +36,17 @@ def add_conduction_rates(data: ElementData, u: np.ndarray, u_rates: np.ndarray, 
     What an element gives is linear in the u' of its nodes: the map is formed once and serves all directions.
     """
     n_groups, n = u_rates.shape[2] // WIDTH, out.shape[1]
-    w, slope, h = lane_workspace(ELEMENT_ROWS), lane_workspace(_MAP_ROWS), np.empty((2, 8, 3))
+    w, slope, corner, h = lane_workspace(ELEMENT_ROWS), lane_workspace(_MAP_ROWS), np.empty(8), np.empty((2, 8, 3))
     for e in range(data.hexes.shape[0]):
         nodes = data.hexes[e]
+        prefetch_rows(data.inverse_jacobian, 9 * (e + 1), 9, 1)
         element_kinematics(data, e, u, w)
         for k in range(2):
-            _temperature_gradients(w, theta[k], nodes, factor, h[k], slope, _H + 8 * k)
-            for b in range(8):
-                _set_slopes(w, b, h[k], slope, _H + 8 * k, _SLOPE + 24 * k + 3 * b)
+            for a in range(8):
+                corner[a] = theta[k, nodes[a]]
+            _temperature_gradients(w, corner, factor, h[k], slope, _H + 8 * k)
+        for b in range(8):
+            _set_slopes(w, b, h, slope, _SLOPE + 3 * b)
         for group in range(n_groups):
             for k in range(2):
                 result = _mapped(slope, _SLOPE + 24 * k, nodes, u_rates, group)
@@ -51,36 +54,45 @@ def add_conduction_rates(data: ElementData, u: np.ndarray, u_rates: np.ndarray, 
 
 
 @kernel(forceinline=True)
-def _temperature_gradients(
-    w: np.ndarray, theta: np.ndarray, nodes: np.ndarray, factor: float, h: np.ndarray, slope: np.ndarray, at: int
-) -> None:
-    """factor J w h (8, 3) of all points, and its product with g_a of all nodes into the rows of `slope` from `at` on."""
+def _temperature_gradients(w: np.ndarray, corner: np.ndarray, factor: float, h: np.ndarray, slope: np.ndarray, at: int) -> None:
+    """factor J w h (8, 3) of all points by the temperatures of the nodes (8,), and its product with g_a of all nodes into the rows of
+    `slope` from `at` on."""
     for q in range(8):
         g, weight = GRADIENT + 3 * q, factor * number(w, J_WEIGHT, q)
         for i in range(3):
             s = 0.0
             for a in range(8):
-                s += theta[nodes[a]] * number(w, g + i, a)
+                s += corner[a] * number(w, g + i, a)
             h[q, i] = weight * s
         set_row(slope, at + q, dot(h[q, 0], row(w, g), h[q, 1], row(w, g + 1), h[q, 2], row(w, g + 2)))
 
 
 @kernel(forceinline=True)
-def _set_slopes(w: np.ndarray, b: int, h: np.ndarray, slope: np.ndarray, at: int, to: int) -> None:
-    """Derivatives of the result at all nodes a by u' of node b: sum_q J w [g_b (g_a . h) - g_a (g_b . h) - (g_a . g_b) h]."""
+def _set_slopes(w: np.ndarray, b: int, h: np.ndarray, slope: np.ndarray, to: int) -> None:
+    """Derivatives of both results at all nodes a by u' of node b: sum_q J w [g_b (g_a . h) - g_a (g_b . h) - (g_a . g_b) h]."""
     o = spread(0.0)
-    x, y, z = o, o, o
+    first, second = (o, o, o), (o, o, o)
     for q in range(8):
         g = GRADIENT + 3 * q
-        g0, g1, g2, by_h = row(w, g), row(w, g + 1), row(w, g + 2), row(slope, at + q)
-        b0, b1, b2, minus = number(w, g, b), number(w, g + 1, b), number(w, g + 2, b), -number(slope, at + q, b)
-        both = -dot(b0, g0, b1, g1, b2, g2)
-        x = multiply_add(b0, by_h, multiply_add(minus, g0, multiply_add(h[q, 0], both, x)))
-        y = multiply_add(b1, by_h, multiply_add(minus, g1, multiply_add(h[q, 1], both, y)))
-        z = multiply_add(b2, by_h, multiply_add(minus, g2, multiply_add(h[q, 2], both, z)))
-    set_row(slope, to, x)
-    set_row(slope, to + 1, y)
-    set_row(slope, to + 2, z)
+        at_all, at_b = (row(w, g), row(w, g + 1), row(w, g + 2)), (number(w, g, b), number(w, g + 1, b), number(w, g + 2, b))
+        both = -dot(at_b[0], at_all[0], at_b[1], at_all[1], at_b[2], at_all[2])
+        along = (row(slope, _H + q), number(slope, _H + q, b))
+        first = _slopes_added(first, at_all, at_b, both, along, (h[0, q, 0], h[0, q, 1], h[0, q, 2]))
+        along = (row(slope, _H + 8 + q), number(slope, _H + 8 + q, b))
+        second = _slopes_added(second, at_all, at_b, both, along, (h[1, q, 0], h[1, q, 1], h[1, q, 2]))
+    set_vector_rows(slope, to, first)
+    set_vector_rows(slope, to + 24, second)
+
+
+@kernel(forceinline=True)
+def _slopes_added(s: Vector, at_all: Vector, at_b: Vector, both: Lanes, along: tuple[Lanes, float], h: Vector) -> Vector:
+    """s + g_b (g_a . h) - g_a (g_b . h) + both h of one point; along = g_a . h of all nodes and g_b . h."""
+    minus = -along[1]
+    return (
+        multiply_add(at_b[0], along[0], multiply_add(minus, at_all[0], multiply_add(h[0], both, s[0]))),
+        multiply_add(at_b[1], along[0], multiply_add(minus, at_all[1], multiply_add(h[1], both, s[1]))),
+        multiply_add(at_b[2], along[0], multiply_add(minus, at_all[2], multiply_add(h[2], both, s[2]))),
+    )
 
 
 @kernel(forceinline=True)

@@ -8,7 +8,7 @@ panel, gathers what all columns to its left give,
 eight rows as lanes, one lanes value for each column, and is then divided by the panel's diagonal block (left-looking, tile by tile).
 K_ij and L_ij lie at i + j stride of the flat band: a tile's rows of one column lie side by side, and so do the eight factors L_panel,k.
 A solve goes through the panels once forward and once back. One right-hand side takes the rows of a tile as lanes, several take eight
-right-hand sides as lanes and share the panel while it is near.
+right-hand sides as lanes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from thermofit.core.jit import kernel
 from thermofit.core.lanes import WIDTH, Lanes, multiply_add, spread
-from thermofit.point.lanes_memory import at, lane_sum, row, set_at, set_row
+from thermofit.point.lanes_memory import at, lane_sum, number_at, row, set_at, set_row
 
 MARGIN = 2 * WIDTH
 """Zeros that a column needs beyond its half bandwidth: the last tile of a panel reaches so far."""
@@ -53,9 +53,10 @@ def _less(a: Tile, rows: Lanes, flat: np.ndarray, m: int) -> Tile:
     """a - L_tile,k L_panel,k^T: `rows` is L_tile,k, the eight numbers from m on are L_panel,k."""
     v = -rows
     return (
-        multiply_add(v, flat[m], a[0]), multiply_add(v, flat[m + 1], a[1]), multiply_add(v, flat[m + 2], a[2]),
-        multiply_add(v, flat[m + 3], a[3]), multiply_add(v, flat[m + 4], a[4]), multiply_add(v, flat[m + 5], a[5]),
-        multiply_add(v, flat[m + 6], a[6]), multiply_add(v, flat[m + 7], a[7]),
+        multiply_add(v, number_at(flat, m), a[0]), multiply_add(v, number_at(flat, m + 1), a[1]),
+        multiply_add(v, number_at(flat, m + 2), a[2]), multiply_add(v, number_at(flat, m + 3), a[3]),
+        multiply_add(v, number_at(flat, m + 4), a[4]), multiply_add(v, number_at(flat, m + 5), a[5]),
+        multiply_add(v, number_at(flat, m + 6), a[6]), multiply_add(v, number_at(flat, m + 7), a[7]),
     )  # fmt: skip
 
 
@@ -198,10 +199,10 @@ def _set_rows(x: np.ndarray, n: int, step: int, t: Tile) -> None:
 @kernel(forceinline=True)
 def _less_row(v: Lanes, flat: np.ndarray, m: int, stride: int, x: Tile) -> Lanes:
     """v - L_i,panel x of eight right-hand sides, m the place of L_i,j."""
-    even = multiply_add(-x[2], flat[m + 2 * stride], multiply_add(-x[0], flat[m], v))
-    odd = multiply_add(-x[3], flat[m + 3 * stride], -x[1] * flat[m + stride])
-    even = multiply_add(-x[6], flat[m + 6 * stride], multiply_add(-x[4], flat[m + 4 * stride], even))
-    odd = multiply_add(-x[7], flat[m + 7 * stride], multiply_add(-x[5], flat[m + 5 * stride], odd))
+    even = multiply_add(-x[2], number_at(flat, m + 2 * stride), multiply_add(-x[0], number_at(flat, m), v))
+    odd = multiply_add(-x[3], number_at(flat, m + 3 * stride), -x[1] * number_at(flat, m + stride))
+    even = multiply_add(-x[6], number_at(flat, m + 6 * stride), multiply_add(-x[4], number_at(flat, m + 4 * stride), even))
+    odd = multiply_add(-x[7], number_at(flat, m + 7 * stride), multiply_add(-x[5], number_at(flat, m + 5 * stride), odd))
     return even + odd
 
 
@@ -210,10 +211,10 @@ def _less_rows(a: Tile, v: Lanes, flat: np.ndarray, m: int, stride: int) -> Tile
     """a_c - L_ic x_i of eight right-hand sides, m the place of L_ij."""
     v = -v
     return (
-        multiply_add(v, flat[m], a[0]), multiply_add(v, flat[m + stride], a[1]),
-        multiply_add(v, flat[m + 2 * stride], a[2]), multiply_add(v, flat[m + 3 * stride], a[3]),
-        multiply_add(v, flat[m + 4 * stride], a[4]), multiply_add(v, flat[m + 5 * stride], a[5]),
-        multiply_add(v, flat[m + 6 * stride], a[6]), multiply_add(v, flat[m + 7 * stride], a[7]),
+        multiply_add(v, number_at(flat, m), a[0]), multiply_add(v, number_at(flat, m + stride), a[1]),
+        multiply_add(v, number_at(flat, m + 2 * stride), a[2]), multiply_add(v, number_at(flat, m + 3 * stride), a[3]),
+        multiply_add(v, number_at(flat, m + 4 * stride), a[4]), multiply_add(v, number_at(flat, m + 5 * stride), a[5]),
+        multiply_add(v, number_at(flat, m + 6 * stride), a[6]), multiply_add(v, number_at(flat, m + 7 * stride), a[7]),
     )  # fmt: skip
 
 
@@ -256,14 +257,10 @@ def _block_back(d: np.ndarray, pivot: np.ndarray, b: Tile) -> Tile:
 
 
 @kernel(forceinline=True)
-def _take_panel(flat: np.ndarray, j: int, stride: int, n_rows: int, panel: np.ndarray, d: np.ndarray, pivot: np.ndarray) -> None:
-    """Rows j to j + n_rows of the panel from column j on, L_ij at i - j + c (n_rows of a full panel); its diagonal block also into d, as
-    `_block_forward` wants it, and 1 / D_ii."""
-    length = panel.shape[0] // WIDTH
+def _take_diagonal(flat: np.ndarray, start: int, stride: int, d: np.ndarray, pivot: np.ndarray) -> None:
+    """The diagonal block whose first entry lies at `start`, as `_block_forward` wants it, and 1 / D_ii."""
     for c in range(WIDTH):
-        for i in range(0, n_rows, WIDTH):
-            set_at(panel, i + c * length, at(flat, j + i + (j + c) * stride))
-        set_at(d, WIDTH * c, at(panel, c * length))
+        set_at(d, WIDTH * c, at(flat, start + c * stride))
         pivot[c] = 1.0 / d[WIDTH * c + c]
 
 
@@ -271,22 +268,21 @@ def _take_panel(flat: np.ndarray, j: int, stride: int, n_rows: int, panel: np.nd
 def solve_lanes_in_panels(band: np.ndarray, bandwidth: int, x: np.ndarray) -> None:
     """K^-1 x in place for x (rows of the band, m), m a multiple of WIDTH."""
     n, stride, groups = band.shape[0], band.shape[1] - 1, x.shape[1] // WIDTH
-    length = -(-(bandwidth + WIDTH) // WIDTH) * WIDTH
-    flat, panel, d, pivot = band.reshape(-1), np.zeros(WIDTH * length), np.zeros(WIDTH * WIDTH), np.zeros(WIDTH)
+    flat, d, pivot = band.reshape(-1), np.zeros(WIDTH * WIDTH), np.zeros(WIDTH)
     for j in range(0, n, WIDTH):
-        n_rows = min(bandwidth + WIDTH, n - j)
-        _take_panel(flat, j, stride, n_rows, panel, d, pivot)
+        panel, end = j * stride, min(j + bandwidth + WIDTH, n)
+        _take_diagonal(flat, j + panel, stride, d, pivot)
         for group in range(groups):
             t = _block_forward(d, pivot, _rows(x, j * groups + group, groups))
             _set_rows(x, j * groups + group, groups, t)
-            for i in range(WIDTH, n_rows):
-                k = (i + j) * groups + group
-                set_row(x, k, _less_row(row(x, k), panel, i, length, t))
+            for i in range(j + WIDTH, end):
+                k = i * groups + group
+                set_row(x, k, _less_row(row(x, k), flat, i + panel, stride, t))
     for j in range(n - WIDTH, -1, -WIDTH):
-        n_rows = min(bandwidth + WIDTH, n - j)
-        _take_panel(flat, j, stride, n_rows, panel, d, pivot)
+        panel, end = j * stride, min(j + bandwidth + WIDTH, n)
+        _take_diagonal(flat, j + panel, stride, d, pivot)
         for group in range(groups):
             t = _rows(x, j * groups + group, groups)
-            for i in range(WIDTH, n_rows):
-                t = _less_rows(t, row(x, (i + j) * groups + group), panel, i, length)
+            for i in range(j + WIDTH, end):
+                t = _less_rows(t, row(x, i * groups + group), flat, i + panel, stride)
             _set_rows(x, j * groups + group, groups, _block_back(d, pivot, t))

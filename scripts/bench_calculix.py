@@ -23,7 +23,10 @@ _JOB = "bar"
 
 @dataclass(frozen=True)
 class PeerRun:
-    """What a peer needed and found: CPU s, peak bytes, increments done and asked for, iterations, force N (whole bar), temperature K."""
+    """What a peer needed and found: CPU s, peak bytes, increments done and asked for, iterations, force N (whole bar), temperature K.
+
+    Under a prescribed force its answer is the elongation, mm.
+    """
 
     cpu: float
     peak: float
@@ -33,6 +36,7 @@ class PeerRun:
     force: float
     temperature: float | None
     failure: str = ""
+    elongation: float | None = None
 
     @property
     def whole(self) -> float:
@@ -45,23 +49,26 @@ def available() -> bool:
     return shutil.which("ccx") is not None
 
 
-def run(bar: Bar, folder: Path, *, coupled: bool) -> PeerRun:
-    """One run of the bar in `folder`: coupled with heat, or mechanics alone (static); automatic increments, one thread."""
+def run(bar: Bar, folder: Path, *, coupled: bool, force: np.ndarray | None = None) -> PeerRun:
+    """One run of the bar in `folder`: coupled with heat, or mechanics alone (static); automatic increments, one thread.
+
+    Its end is drawn, or pulled by `force` (n + 1,) N at the times of the increments.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob(f"{_JOB}.*"):
         old.unlink()
-    (folder / f"{_JOB}.inp").write_text(deck(bar, coupled=coupled), encoding="ascii")
+    (folder / f"{_JOB}.inp").write_text(deck(bar, coupled=coupled, force=force), encoding="ascii")
     child = run_child(["ccx", _JOB], cwd=folder)
     increments = converged_increments(_text(folder / f"{_JOB}.sta"))
-    force, temperature, time = last_values(_text(folder / f"{_JOB}.dat"))
+    reaction, temperature, elongation, time = last_values(_text(folder / f"{_JOB}.dat"))
     done = time is not None and abs(time - bar.duration) < 1e-6 * bar.duration
     failure = "" if done else f"ended at t = {time} of {bar.duration:g} s: {_last_error(child.stdout)}"
     iterations = len(re.findall(r"^\s*iteration\s+\d+\s*$", child.stdout, flags=re.MULTILINE))
     # Where it ended early the rest is extrapolated over the time of the programme, not over increments whose length it chose itself.
     share = 1.0 if done else (time or 0.0) / bar.duration
     wanted = round(increments / share) if share else increments
-    force = float("nan") if force is None else SYMMETRY * force
-    return PeerRun(child.cpu, child.peak, increments, wanted, iterations, force, temperature, failure)
+    pulled = float("nan") if reaction is None else SYMMETRY * reaction
+    return PeerRun(child.cpu, child.peak, increments, wanted, iterations, pulled, temperature, failure, elongation)
 
 
 def _text(path: Path) -> str:
@@ -79,27 +86,34 @@ def converged_increments(sta: str) -> int:
     return sum(len(row) == 7 and row[0].isdigit() and not row[2].endswith("U") for row in rows)
 
 
-def last_values(dat: str) -> tuple[float | None, float | None, float | None]:
-    """Total reaction along y in N (model), temperature K and time s of the last increment in a .dat file; None where absent."""
-    force = temperature = time = None
+def last_values(dat: str) -> tuple[float | None, float | None, float | None, float | None]:
+    """Total reaction along y in N (model), temperature K, displacement along y mm and time s of the last increment in a .dat file; None
+    where absent."""
+    last: dict[str, float] = {}
+    place = {"total force": 1, "temperatures": -1, "displacements": -2}
     kind = ""
     for line in dat.splitlines():
-        if found := re.search(r"^\s*(total force|temperatures).*time\s+([0-9.E+-]+)", line):
-            kind, time = found.group(1), float(found.group(2))
+        if found := re.search(r"^\s*(total force|temperatures|displacements).*time\s+([0-9.E+-]+)", line):
+            kind, last["time"] = found.group(1), float(found.group(2))
         elif line.strip() and kind:
-            values = [float(number) for number in line.split()]
-            if kind == "total force":
-                force = values[1]
-            else:
-                temperature = values[-1]
+            last[kind] = [float(number) for number in line.split()][place[kind]]
             kind = ""
-    return force, temperature, time
+    return last.get("total force"), last.get("temperatures"), last.get("displacements"), last.get("time")
 
 
-def deck(bar: Bar, *, coupled: bool) -> str:
+def deck(bar: Bar, *, coupled: bool, force: np.ndarray | None = None) -> str:
     """Input deck in N, mm, s, K, t. C3D8: full 2 x 2 x 2 integration, the same points as thermofit's hexahedron."""
     mesh = bar_mesh(bar)
-    return "\n".join([*_mesh_lines(mesh), *_material_lines(coupled), *_step_lines(bar, mesh, coupled), ""])
+    tie = () if force is None else _tie_lines(mesh)
+    return "\n".join([*_mesh_lines(mesh), *tie, *_material_lines(coupled), *_step_lines(bar, mesh, coupled, force), ""])
+
+
+def _tie_lines(mesh: Mesh) -> Iterator[str]:
+    """The loaded end stays plane, as thermofit's does under a force: its nodes move along y with the first of them."""
+    first, *others = (mesh.node_sets["top"] + 1).tolist()
+    yield "*EQUATION"
+    for node in others:
+        yield from ("2", f"{node}, 2, 1., {first}, 2, -1.")
 
 
 def _mesh_lines(mesh: Mesh) -> Iterator[str]:
@@ -132,8 +146,14 @@ def _material_lines(coupled: bool) -> Iterator[str]:
         yield from ("*INITIAL CONDITIONS, TYPE=TEMPERATURE", f"ALL, {c['theta_ref']}")
 
 
-def _step_lines(bar: Bar, mesh: Mesh, coupled: bool) -> Iterator[str]:
-    yield from ("*AMPLITUDE, NAME=RAMP", f"0., 0., {bar.duration}, 1.")
+def _step_lines(bar: Bar, mesh: Mesh, coupled: bool, force: np.ndarray | None) -> Iterator[str]:
+    end = int(mesh.node_sets["top"][0]) + 1
+    if force is None:
+        yield from ("*AMPLITUDE, NAME=RAMP", f"0., 0., {bar.duration}, 1.")
+    else:
+        yield "*AMPLITUDE, NAME=PULL"
+        yield from (f"{t:.9g}, {f / SYMMETRY:.9g}" for t, f in zip(bar_times(bar), force, strict=True))
+        yield from ("*NSET, NSET=END", f"{end},")
     if coupled:
         times = bar_times(bar)
         yield from ("*AMPLITUDE, NAME=CONSTANT", f"0., 1., {bar.duration}, 1.", "*AMPLITUDE, NAME=HEATING")
@@ -144,11 +164,13 @@ def _step_lines(bar: Bar, mesh: Mesh, coupled: bool) -> Iterator[str]:
     longest = bar.duration / bar.increments
     yield f"{longest:.9g}, {bar.duration:.9g}, {1e-6 * longest:.9g}, {longest:.9g}"
     # A transient step would apply a displacement at once: it follows the amplitude.
-    yield from ("*BOUNDARY", "X0, 1, 1", "BOTTOM, 2, 2", "Z0, 3, 3", "*BOUNDARY, AMPLITUDE=RAMP", f"TOP, 2, 2, {bar.elongation:.9g}")
+    yield from ("*BOUNDARY", "X0, 1, 1", "BOTTOM, 2, 2", "Z0, 3, 3")
+    drawn = ("*BOUNDARY, AMPLITUDE=RAMP", f"TOP, 2, 2, {bar.elongation:.9g}")
+    yield from drawn if force is None else ("*CLOAD, AMPLITUDE=PULL", "END, 2, 1.")
     if coupled:
         yield from ("*DFLUX, AMPLITUDE=HEATING", "BODY, BF, 1.", "*FILM, AMPLITUDE=CONSTANT, FILM AMPLITUDE=CONSTANT")
         yield from _film_lines(mesh)
-    yield from ("*NODE PRINT, NSET=TOP, TOTALS=ONLY", "RF")
+    yield from ("*NODE PRINT, NSET=TOP, TOTALS=ONLY", "RF") if force is None else ("*NODE PRINT, NSET=END", "U")
     if coupled:
         yield from ("*NODE PRINT, NSET=MIDDLE", "NT")
     yield "*END STEP"

@@ -121,7 +121,7 @@ def _conditions(bar: Bar) -> tuple[str, ...]:
         "for thermofit, with compiled kernels.",
         "CalculiX: C3D8, which integrates at the same 2 x 2 x 2 points as thermofit's hexahedron (C3D8R has one point, C3D8I further "
         "unknowns). NLGEOM, automatic increments, none longer than thermofit's: where its end is drawn it puts each increment on the last "
-        f"layer of elements and cuts it back. In its favour is its tolerance, 0.5 % of the mean force against {NewtonSettings().tolerance:g}"
+        f"layer of elements and cuts it back. In its favour is its tolerance, 0.5 % of the mean force, for {NewtonSettings().tolerance:g}"
         " here. It has no plastic heating: the dissipation of the law in the evenly drawn bar is prescribed as a body flux, which saves it "
         "that part of the work. It has no Gough-Joule effect, which cools the bar by at most 0.7 K; its specific heat is that at constant "
         "stress.",

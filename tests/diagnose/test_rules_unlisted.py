@@ -24,7 +24,7 @@ GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
 
 def blocks(noise: float = 1.0, numerical: float = 0.0) -> ChannelBlocks:
     """Two blocks of four rows each."""
-    return ChannelBlocks("theta", np.arange(8), np.repeat([0, 1], 4), np.full(2, 4.0), np.full(2, noise), np.full(2, numerical))
+    return ChannelBlocks("theta", np.arange(8), np.repeat([0, 1], 4), np.full(2, 4.0), np.full(2, noise), np.full(2, numerical), np.ones(8))
 
 
 def test_excess_is_beyond_noise_and_discretisation() -> None:
@@ -90,7 +90,7 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for(
     monkeypatch: pytest.MonkeyPatch, coupon: bool, left: np.ndarray, base: np.ndarray | None, law: bool, told: bool
 ) -> None:
     """On a coupon the structure alone is told, on a body nothing is."""
-    channel = ChannelBlocks("stress", np.arange(40), np.zeros(40, dtype=int), np.array([40.0]), np.ones(1), np.zeros(1))
+    channel = ChannelBlocks("stress", np.arange(40), np.zeros(40, dtype=int), np.array([40.0]), np.ones(1), np.zeros(1), np.ones(40))
     here: Any = SimpleNamespace(
         ranking=SimpleNamespace(scores=()),
         case=SimpleNamespace(parameters=None, model=SimpleNamespace(segments=() if coupon else None)),
@@ -117,7 +117,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
 ) -> None:
     """Of 20 values of a coupon, one a second, the term has every second one."""
     term: Any = SimpleNamespace(basis=SimpleNamespace(rows=np.arange(0, 20, 2), grid=SimpleNamespace(places=2)), proof=GOOD)
-    channel = ChannelBlocks("theta", np.arange(20), np.zeros(20, dtype=int), np.array([20.0]), np.ones(1), np.zeros(1))
+    channel = ChannelBlocks("theta", np.arange(20), np.zeros(20, dtype=int), np.array([20.0]), np.ones(1), np.zeros(1), np.ones(20))
     left = np.full(20, 3.0) if smooth else np.concatenate([np.zeros(19), [40.0]])
     here: Any = SimpleNamespace(
         ranking=SimpleNamespace(scores=()),

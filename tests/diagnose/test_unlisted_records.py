@@ -15,7 +15,7 @@ from thermofit.diagnose import unlisted_loop
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import Unlisted, unlisted
+from thermofit.diagnose.unlisted import Unlisted, other_kinds, unlisted
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.effects.catalogue import load_effect
 from thermofit.report.unlisted import effect_file, summary_of
@@ -75,6 +75,39 @@ def test_a_bump_of_the_yield_stress(tmp_path: Path) -> None:
     assert inside - outside == pytest.approx(10.0 * root * 1.04, rel=0.3)
     assert act(0.03, 1e-3, 293.0, None, 0.0) == 0.0
     assert act(0.03 + 1e-30j, 1e-3, 293.0, None, 1.0).imag != 0.0
+
+
+@pytest.mark.parametrize("late", [1.2, -0.8])
+def test_a_clock_that_runs_slow_or_fast(tmp_path: Path, late: float) -> None:
+    """An error of it that grows over the test, which no effect of the catalogue has: told as such with its amount and as a file, and not as
+    a heat, which a free power over time could always make of it."""
+    case = case_of(tmp_path, 4, late=late)
+    here, found = found_in(replace(case, known=tuple(e for e in case.known if e.name != "ir_lag")))
+    assert found is not None and found.channel == "dtheta" and found.field is not None and found.place is not None
+    assert found.field.basis.kind == "clock"
+    said = summary_of(here, found, None)
+    assert said["kind"] == "error of the clock of temperatures" and said["unit"] == "s" and said["where"] == {"record": "pull"}
+    history = np.interp([30.0, 60.0, 90.0], said["over_time"]["time_s"], said["over_time"]["value"])
+    assert history == pytest.approx(late * np.array([0.25, 0.5, 0.75]), abs=0.25)
+    assert said["after"]["held_out"]["dtheta"] < 0.5 * said["before"]["held_out"]["dtheta"] + 0.5 * 0.01
+    assert other_kinds(here.case, found.structure, found.field) == []  # no other history is weighed beside it
+    file = effect_file("a test", here, found)
+    assert file is not None and "clock" in file.words
+    path = tmp_path / f"{file.name}.py"
+    path.write_text(file.text, encoding="utf-8")
+    added = load_effect(path)
+    again = case_of(tmp_path, 4, late=late)
+    parameters, fit = refitting(again.model)(here.case.parameters.with_free((*FREE, added.amplitude.name)), "with the file")
+    assert fit.converged and parameters[added.amplitude.name] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(("times", "seed"), [(3.0, 1616402), (10.0, 1616300)])
+def test_a_clock_whose_error_has_no_sum_in_any_block(scripts: Any, times: float, seed: int) -> None:
+    """Three times the smallest error that can be seen, where loads reverse within each block. Ten times, where the misfit looks like noise
+    with a long memory: nothing had been said at seven times the noise."""
+    row = scripts("operating_run").run_one("point", {"driver": "point", "kind": "ir_clock", "times": times, "knocked": True, "seed": seed})
+    assert row["without"] == ["ir_clock"] or "ir_clock" in row["without"]
+    assert row["accepted"] == [] and row["unlisted"] == "dtheta"
 
 
 def test_a_misfit_of_cycles_that_no_term_takes_is_told(scripts: Any) -> None:

@@ -124,7 +124,7 @@ def test_unlisted_terms_pass(tmp_path: Path) -> None:
     texts = {
         "my_heat": heat_file("my_heat", "a test", grid, values, True),
         "my_motion": camera_file("my_motion", "a test", grid, np.stack([values, 2.0 * values], axis=-1)),
-        "my_rise": sensor_file("my_rise", "a test", [("", np.array([0.0, 50.0]), np.array([0.0, 2.0]))]),
+        "my_rise": sensor_file("my_rise", "heat source", "a test", [("", np.array([0.0, 50.0]), np.array([0.0, 2.0]))]),
     }
     for name, text in texts.items():
         path = tmp_path / f"{name}.py"

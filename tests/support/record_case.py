@@ -54,13 +54,15 @@ def study(folder: Path) -> Study:
     return load_study(path)
 
 
-def case_of(folder: Path, seed: int, pulse: bool = False, bump: bool = False) -> Case:
-    """A record with noise; a pulse of heat that nothing explains, and 10 MPa more within a window of Lambda."""
+def case_of(folder: Path, seed: int, pulse: bool = False, bump: bool = False, late: float = 0.0) -> Case:
+    """A record with noise; a pulse of heat that nothing explains, 10 MPa more within a window of Lambda, and a clock of temperatures
+    that is right at first and `late` s late at the end."""
     stress, theta, accumulated = clean()
     rng = np.random.default_rng(seed)
     if pulse:
         power = ((TIME >= PULSE[0]) & (TIME < PULSE[1])).astype(float) * POWER
         theta = theta + lumped(TIME, power[:, None], TRUTH["c0"], TRUTH["tau"])[:, 0]
+    theta = np.interp(TIME + late * TIME / TIME[-1], TIME, theta)
     if bump:
         stress = stress + 10.0 * ((accumulated >= BUMP[0]) & (accumulated < BUMP[1]))
     seen = (stress + NOISE["stress"] * rng.normal(size=len(TIME)), theta + NOISE["theta"] * rng.normal(size=len(TIME)))

@@ -47,6 +47,7 @@ frame to the next; smeared over a few of them, the jump is taken up by conductiv
 COUNTS: Mapping[str, tuple[int, int, int]] = {
     **{"heat": (12, 9, 2), "displacement": (7, 6, 3), "stress": (48, 1, 1)},
     **{name: (MOST_HATS, 1, 1) for name, kind in KINDS.items() if kind.alike},
+    "clock": (12, 1, 1),
 }
 """Hats in time, y and x with which a term is sought."""
 IN_TIME = 48
@@ -297,7 +298,8 @@ def everywhere_alike(here: Traced, there: Traced, structure: Structure, kinds: M
     for none. It is found `there`, and proved against the optimum `here`."""
     found = []
     for kind in kinds.get(observed_field(structure.blocks.channel), ()):
-        own = over_time(there.problem.model, alike_basis(there, structure, kind), there)
+        hat = alike_basis(there, structure, kind)
+        own = over_time(there.problem.model, hat, there) if here.case.model.segments is None else solved(there, hat)
         found.append(own if there is here else beside_optimum(here, own))
     best = max(filter(believed, found), key=lambda term: term.proof.gain, default=None)
     return None if best is None else Sought(best, there)
@@ -327,7 +329,7 @@ def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
     """Channels that hold more than noise and discretisation make, the surest first."""
     model = here.problem.model
     error = None if numerical is None else model.projected(numerical)
-    found = [s for s in structures(here.case, here.rows, model.left, error) if s.stands_out]
+    found = [s for s in structures(here.case, here.rows, model.left, error, model) if s.stands_out]
     return sorted(found, key=lambda s: -s.excess / s.blocks.spread)
 
 
@@ -384,6 +386,8 @@ def other_kinds(case: Case, structure: Structure, term: MissingField) -> list[st
     """Kinds of terms that are the same everywhere which a channel may have, but that of a term."""
     missing, seen = case.model.missing, observed_field(structure.blocks.channel)
     assert missing is not None, "the term has a kind"
+    if missing.records:
+        return []
     return [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k != term.basis.kind]
 
 

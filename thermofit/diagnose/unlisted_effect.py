@@ -180,13 +180,13 @@ def {own.slot}({own.takes}) -> np.ndarray:
     return head + tables + body
 
 
-def sensor_file(name: str, source: str, records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
-    """Effect of slot sensor: per record its name, times s and the temperature K that is missing there."""
+def sensor_file(name: str, what: str, source: str, records: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> str:
+    """Effect of slot sensor: per record its name, times s and the temperature K that `what` makes there."""
     head = _head(
-        what="Temperature that a heat source makes which the model does not have",
+        what=f"Temperature that a missing {what} makes",
         slot="sensor",
         name=name,
-        formula="theta_sensor = theta + scale T(t), T the answer of the lumped heat balance to the missing power",
+        formula="theta_sensor = theta + scale T(t)",
         source=source,
         imports=_SCENE,
     )

@@ -21,17 +21,20 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.remembered import remembered
 from thermofit.diagnose.score import OVER_NUMERICAL
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import differences
 
 BLOCKS = (16, 6, 2)
 """Blocks in time, y and x."""
+_LEAST_WEIGHT = 1e-6
 SURE = 4.0
 """Standard deviations of the noise by which the excess has to stand out."""
 
 
 @dataclass(frozen=True)
 class ChannelBlocks:
-    """Blocks of one channel: its `rows` of the residual, block of each (n_rows,), number of rows, noise v and numerical part (n_b,)."""
+    """Blocks of one channel: its `rows` of the residual, block and weight of each (n_rows,), sum of squared weights, noise v and numerical
+    part (n_b,)."""
 
     channel: str
     rows: np.ndarray
@@ -39,10 +42,11 @@ class ChannelBlocks:
     count: np.ndarray
     noise: np.ndarray
     numerical: np.ndarray
+    weight: np.ndarray
 
     def excess(self, residual: np.ndarray) -> float:
         """X of a whitened residual (n,)."""
-        sums = np.bincount(self.block, residual[self.rows], len(self.count))
+        sums = np.bincount(self.block, self.weight * residual[self.rows], len(self.count))
         return float(np.sum(sums**2 / self.count - self.noise - self.numerical))
 
     @property
@@ -65,22 +69,60 @@ class Structure:
         return self.excess > SURE * self.blocks.spread
 
 
-def structures(case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarray | None) -> tuple[Structure, ...]:
-    """Structure of every channel; `numerical` (n,) is the error of the discretisation in the residual."""
+def structures(
+    case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarray | None, model: LinearModel | None = None
+) -> tuple[Structure, ...]:
+    """Structure of every channel; `numerical` (n,) is the error of the discretisation in the residual, `model` the fitted parameters beside
+    which it is left.
+
+    What an instrument adds that goes to and fro within a block, as an error of the clock does where a load reverses, leaves no sum: its
+    rows are weighted by what it would add, and the structure is the one of both that stands out more. It is a misfit that looks like noise
+    with a memory: what noise remembers is told by what is left without it.
+    """
     out, at, memory = [], 0, remembered(case, rows, residual)
+    turning = {} if model is None else alternating(case, model)
     for k, comparison in enumerate(case.model.comparisons):
         own = np.arange(at, at + comparison.n)
         at += comparison.n
         block, series = _places(rows, own, comparison.rows, case.model.segments is not None)
-        count = np.bincount(block).astype(float)
         alike = memory.of_channel[k]
         level = alike.of_sums if case.model.segments is not None else alike.of_blocks(differences(residual[own], *series)[0])
-        noise = np.full(len(count), level) + shared_part(case, own, block, count, len(residual))
-        error = np.zeros(len(count)) if numerical is None else OVER_NUMERICAL * np.bincount(block, numerical[own], len(count)) ** 2 / count
-        blocks = ChannelBlocks(case.channels[k], own, block, count, noise, error)
-        excess = blocks.excess(residual)
-        out.append(Structure(blocks, excess, excess / max(float(residual[own] @ residual[own]), 1e-300)))
+        found = []
+        for number, weight in enumerate((np.ones(comparison.n), *turning.get(k, ()))):
+            count = np.bincount(block, weight**2)
+            if number > 0:
+                without = residual.copy()
+                without[own] -= weight * (np.bincount(block, weight * residual[own]) / count)[block]
+                level = remembered(case, rows, without).of_channel[k].of_sums
+            shared = shared_part(case, own, block, count, len(residual))
+            error = np.zeros(len(count)) if numerical is None else np.bincount(block, weight * numerical[own], len(count)) ** 2 / count
+            blocks = ChannelBlocks(case.channels[k], own, block, count, np.full(len(count), level) + shared, OVER_NUMERICAL * error, weight)
+            excess = blocks.excess(residual)
+            found.append(Structure(blocks, excess, excess / max(float(residual[own] @ residual[own]), 1e-300)))
+        out.append(max(found, key=lambda s: s.excess / s.blocks.spread))
     return tuple(out)
+
+
+def alternating(case: Case, fitted: LinearModel) -> dict[int, tuple[np.ndarray, ...]]:
+    """By the number of a channel of coupons, what each kind of error of its instrument adds to its rows (n_own,) beside the fitted
+    parameters, where it lasts; its mean square is one."""
+    missing, model = case.model.missing, case.model
+    out: dict[int, tuple[np.ndarray, ...]] = {}
+    if missing is None or not missing.records:
+        return {}
+    for kinds in missing.of_instruments.values():
+        for kind in kinds:
+            grid = missing.grid(kind, (1, 1, 1))
+            added = missing.answers(kind, case.parameters, grid, np.arange(grid.size))
+            for k, columns in model.columns(added).items():
+                own = slice(*np.cumsum([0, *(c.n for c in model.comparisons)])[k : k + 2])
+                whole = np.zeros(len(fitted.residual))
+                whole[own] = columns.sum(axis=1)
+                weight = fitted.projected(whole)[own]
+                size = float(np.sqrt(np.mean(weight**2)))
+                if size > 0.0:  # a block where nothing is added counts as it is
+                    out[k] = (*out.get(k, ()), weight / size + _LEAST_WEIGHT)
+    return out
 
 
 def _places(rows: Rows, own: np.ndarray, where: np.ndarray, by_sample: bool) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:

@@ -44,6 +44,7 @@ KINDS: Mapping[str, Kind] = {
     "jaw_lower": Kind("K", "change of the temperature of the lower jaw", "jaws", "lower", drifts=True),
     "offset": Kind("K", "offset of the infrared camera", "image"),
     "gradient": Kind("mK/mm", "offset of the infrared camera along the load", "image", drifts=True, about=True),
+    "clock": Kind("s", "error of the clock of temperatures", "image", drifts=True),
     "strain": Kind("mm/m", "apparent strain of the displacement cameras", "image", drifts=True, from_rest=True),
     "scale": Kind("mm/m", "error of the scale of displacements", "image", drifts=True, from_rest=True),
 }

@@ -1,4 +1,5 @@
-"""Missing terms of coupons: heat through the lumped balance and the sensor, stress as the load cell would show it."""
+"""Missing terms of coupons: heat through the lumped balance and the sensor, stress as the load cell would show it, and an error of the
+clock of temperatures."""
 
 from __future__ import annotations
 
@@ -17,6 +18,9 @@ from thermofit.observe.stations import chain, seen_along
 from thermofit.point.driver import PointHistory
 
 FIELDS = {"theta": "heat", "stress": "stress"}
+"""Kind of the missing term by observed field."""
+OF_INSTRUMENTS = {"theta": ("clock",)}
+"""Kinds by observed field of what its instrument may add. Any other history of a temperature is one of a power, by the lumped balance."""
 
 
 @dataclass(frozen=True)
@@ -74,16 +78,22 @@ class CouponMissing:
         return Grid(np.concatenate(knots), np.concatenate(part), np.zeros(1), np.zeros(1))
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
-        """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3 and MPa. What a load cell or a
-        sensor lacks shows in its own records alone."""
-        field = next(name for name, of in FIELDS.items() if of == kind)
+        """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, MPa and s. What a load cell or a
+        sensor lacks shows in its own records alone.
+
+        A clock that is wrong by tau(t) shows theta(t + tau), which a sensor with a lag -tau does as well, to first order: tau dtheta/dt.
+        """
+        field = next((name for name, of in FIELDS.items() if of == kind), "theta")
         in_time = time_hats(grid, self.time, self.part)[:, chosen]
         if kind == "stress":
             return {field: in_time[:, None, None, :]}
         out = np.zeros_like(in_time)
         for n, test in enumerate(self.records):
             own = self.part == n
-            out[own] = self._warmed(self.of_test(parameters, test), test, in_time[own])
+            if kind == "clock":
+                out[own] = np.gradient(self.run(parameters, test).theta_sensor, test.time)[:, None] * in_time[own]
+            else:
+                out[own] = self._warmed(self.of_test(parameters, test), test, in_time[own])
         return {field: out[:, None, None, :]}
 
     def slopes(
@@ -126,8 +136,8 @@ class CouponMissing:
 
     @property
     def of_instruments(self) -> Mapping[str, tuple[str, ...]]:
-        """None: the lumped balance of a record turns any history of its temperature into a power."""
-        return {}
+        """An error of the clock of temperatures."""
+        return {field: kinds for field, kinds in OF_INSTRUMENTS.items() if field in self.fields}
 
     def yield_variables(self, parameters: Parameters, variable: str) -> np.ndarray:
         """Values of a state variable wherever a coupon flows."""

@@ -320,19 +320,19 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
     name = file_of(kind)
     if kind == "displacement":
         return EffectFile(name, camera_file(name, source, grid, field.values), "the missing displacement over place and time", field.proof)
+    if missing.records:
+        text = sensor_file(name, KINDS[kind].words, source, _rises(found, missing, field))
+        return EffectFile(name, text, f"the temperature that the missing {KINDS[kind].words} makes, over time", field.proof)
     if KINDS[kind].alike:
         text = over_time_file(kind, name, source, about(field), field.values[:, 0, 0, 0])
         return EffectFile(name, text, f"the {KINDS[kind].words} over time", field.proof)
-    if missing.records:
-        text = sensor_file(name, source, _rises(found, missing, field))
-        return EffectFile(name, text, "the temperature that the missing heat makes, over time", field.proof)
     text = heat_file(name, source, grid, field.values[:, :, :, 0], missing.folded)
     return EffectFile(name, text, "the missing heat source over place and time", field.proof)
 
 
 def _rises(found: Unlisted, missing: Missing, field: MissingField) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Per record its times and the temperature that is missing there."""
-    (warmer,) = missing.answers("heat", found.parameters, field.basis.grid, field.basis.chosen).values()
+    (warmer,) = missing.answers(field.basis.kind, found.parameters, field.basis.grid, field.basis.chosen).values()
     rise = warmer[:, 0, 0, :] @ field.q
     ends = np.cumsum([len(record.time) for record in missing.records])[:-1]
     return [(record.name, record.time, own) for record, own in zip(missing.records, np.split(rise, ends), strict=True)]

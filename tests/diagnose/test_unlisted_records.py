@@ -45,6 +45,7 @@ def test_a_pulse_of_heat(tmp_path: Path) -> None:
     assert found is not None and found.channel == "dtheta" and found.place is not None
     said = summary_of(here, found, None)
     assert said["where"] == {"record": "pull"} and said["unit"] == "mW/mm^3"
+    assert found.field is not None and other_kinds(here.case, found.structure, found.field) == []  # no other history is weighed beside it
     assert said["when_s"] == pytest.approx(PULSE, abs=3.0)
     assert said["mean_in_window"] == pytest.approx(POWER, rel=0.15)
     assert said["after"]["held_out"]["dtheta"] < 0.5 * said["before"]["held_out"]["dtheta"]
@@ -90,7 +91,6 @@ def test_a_clock_that_runs_slow_or_fast(tmp_path: Path, late: float) -> None:
     history = np.interp([30.0, 60.0, 90.0], said["over_time"]["time_s"], said["over_time"]["value"])
     assert history == pytest.approx(late * np.array([0.25, 0.5, 0.75]), abs=0.25)
     assert said["after"]["held_out"]["dtheta"] < 0.5 * said["before"]["held_out"]["dtheta"] + 0.5 * 0.01
-    assert other_kinds(here.case, found.structure, found.field) == []  # no other history is weighed beside it
     file = effect_file("a test", here, found)
     assert file is not None and "clock" in file.words
     path = tmp_path / f"{file.name}.py"

@@ -298,8 +298,7 @@ def everywhere_alike(here: Traced, there: Traced, structure: Structure, kinds: M
     for none. It is found `there`, and proved against the optimum `here`."""
     found = []
     for kind in kinds.get(observed_field(structure.blocks.channel), ()):
-        hat = alike_basis(there, structure, kind)
-        own = over_time(there.problem.model, hat, there) if here.case.model.segments is None else solved(there, hat)
+        own = over_time(there.problem.model, alike_basis(there, structure, kind), there)
         found.append(own if there is here else beside_optimum(here, own))
     best = max(filter(believed, found), key=lambda term: term.proof.gain, default=None)
     return None if best is None else Sought(best, there)

@@ -495,7 +495,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "Hardening that gives way was then taken in parts by three effects, with M_yinf 32 (aluminium) and H_exp 19 (steel) of their",
         "errors off. A law of the flow may leave more than a tenth of what displacements held. It is compared with the curve of any form",
         "since then. The rule was made with these two runs in view. On aluminium the loop then ended in a mistake of its last sentence,",
-        "which is corrected. That run was not made again since.",
+        "which is corrected. Made again since, the curve is told there too, with exit 5 and all parameters within 0.9.",
         "",
         "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | widest | s |",
         "|---|---|---|---|---|---|---|---|---|---|",

@@ -115,16 +115,16 @@ def _row(name: str, run: PeerRun, seconds: float) -> Row:
 def _conditions(bar: Bar) -> tuple[str, ...]:
     end = f"{100.0 * bar.strain:g} %"
     return (
-        f"The upper end is drawn by {bar.elongation:g} mm in {bar.duration:g} s, or pulled by the force that this took thermofit, and "
-        "stays plane; surface of von Mises; films at sides and ends. Same nodes and one thread for all; ratios are to thermofit driven "
-        "alike. CPU s of CalculiX are those of its process, those of thermofit and FElupe those of the increments without imports and, "
-        "for thermofit, with compiled kernels.",
+        f"The upper end is drawn by {bar.elongation:g} mm in {bar.duration:g} s, or pulled by the force that this took thermofit. It stays "
+        "plane; surface of von Mises; films at sides and ends. Same nodes and one thread for all; ratios are to thermofit driven alike. "
+        "CPU s of CalculiX are those of its process. Those of thermofit and FElupe are those of the increments without imports, of "
+        "thermofit with compiled kernels.",
         "CalculiX: C3D8, which integrates at the same 2 x 2 x 2 points as thermofit's hexahedron (C3D8R has one point, C3D8I further "
-        "unknowns). NLGEOM, automatic increments, none longer than thermofit's: where its end is drawn it puts each increment on the last "
-        f"layer of elements and cuts it back. In its favour is its tolerance, 0.5 % of the mean force, for {NewtonSettings().tolerance:g}"
-        " here. It has no plastic heating: the dissipation of the law in the evenly drawn bar is prescribed as a body flux, which saves it "
-        "that part of the work. It has no Gough-Joule effect, which cools the bar by at most 0.7 K; its specific heat is that at constant "
-        "stress.",
+        "unknowns). NLGEOM, automatic increments, none longer than thermofit's. Where its end is drawn it puts each increment on the last "
+        f"layer of elements and cuts it back. Its own tolerance is 0.5 % of the mean force, against {NewtonSettings().tolerance:g} here, "
+        "which is in its favour. It has no plastic heating: the dissipation of the law in the evenly drawn bar is prescribed as a body "
+        "flux. That saves CalculiX this part of the work. It has no Gough-Joule effect, which cools the bar by at most 0.7 K; its specific "
+        "heat is that at constant stress.",
         "FElupe has neither finite-strain plasticity nor plastic heating. It solves the mechanics alone at small strain, driven by the "
         f"displacement in equal increments, with a hardening line between the nominal stresses at yield and at {end}.",
     )

@@ -12,7 +12,17 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.discretisation import finer_mesh, left_by, on_mesh_ratio
 from thermofit.experiment.joint import Joint, coarse_mesh, joint_settings
-from thermofit.experiment.prescribed import CALIBRATION, acting, calibration, columns, not_told, of_records, of_specimen, of_test
+from thermofit.experiment.prescribed import (
+    CALIBRATION,
+    acting,
+    calibration,
+    columns,
+    counted_as_exact,
+    not_told,
+    of_records,
+    of_specimen,
+    of_test,
+)
 from thermofit.experiment.stage_errors import stage_errors
 from thermofit.study.stages import ChannelSettings, PlasticStage
 
@@ -37,6 +47,22 @@ def test_an_area_or_a_force_that_errs_is_what_its_stand_in_makes(cause: str) -> 
     made = size * (replace(here, data=other).model.residual(PARAMETERS) - here.model.residual(PARAMETERS))
     near = 0.05 if cause == "width" else 0.01
     assert np.linalg.norm(told - made) < near * np.linalg.norm(made)
+
+
+@pytest.mark.parametrize(
+    ("said", "channels", "records", "exact"),
+    [
+        ("", ("du", "dtheta"), False, ("force_class", "thickness", "width", "camera_scale", "infrared_gain")),
+        ("", ("du",), False, ("force_class", "thickness", "width", "camera_scale")),
+        ("", ("dtheta@first",), False, ("force_class", "infrared_gain")),
+        ("", ("stress", "dtheta"), True, ("force_class",)),
+        ("uncertainty: {force_class: 1, width: 0.25, infrared_gain: 0.01}\n", ("du", "dtheta"), False, ("thickness", "camera_scale")),
+        (STATED, ("du", "dtheta"), False, ()),
+    ],
+)
+def test_what_a_study_does_not_state_counts_as_exact(said: str, channels: tuple[str, ...], records: bool, exact: tuple[str, ...]) -> None:
+    """Where it acts in what is compared; records of coupons have neither cameras nor an area."""
+    assert counted_as_exact(study(said), channels, records=records) == exact
 
 
 def test_temperature_differences_that_are_too_large_by_the_gain_look_like_smaller_coefficients() -> None:

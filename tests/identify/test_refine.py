@@ -74,6 +74,7 @@ def test_a_reading_is_a_datum_and_its_error_reaches_what_it_acts_on(one: Made) -
     assert {"noise", "time steps"} <= set(shares)
     assert shares.get("mesh", 0.0) < 0.05, "data of the same mesh hold nothing of its error"
     assert one.summary["helps_most"]
+    assert one.summary["exact"] == ["force_class", "thickness", "width", "camera_scale", "infrared_gain"]
 
 
 LANDMARK_ERRORS = {

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +13,16 @@ import pytest
 import tiny
 import yaml
 from record_studies import call, told
+from typer.testing import CliRunner
 
+from thermofit.cli.app import app
 from thermofit.core.errors import DataError, NumericsError, StudyError
 from thermofit.experiment.fields import measured, read_field
 from thermofit.experiment.forms import experiment_of
 from thermofit.experiment.known_effects import effects_of_fields
 from thermofit.experiment.priors import pose_bounds
 from thermofit.records.artefact import open_record
+from thermofit.report.tables import budget_lines
 from thermofit.study.study import Study, load_study
 from thermofit.study.template import write_template
 
@@ -191,6 +196,18 @@ def test_stated_errors_of_the_mechanics_enter_the_budget(alone: Path, tmp_path: 
     sigma = [r.parameters["beta"].sigma for r in (exact, record)]
     assert sigma[0] is not None and sigma[1] is not None and sigma[1] > 1.1 * sigma[0]
     assert any("nu, M_yinf, H_exp, F are taken as exact" in text for text in record.summary["remarks"])
+
+
+def test_what_is_not_stated_is_shown_with_the_budget(alone: Path) -> None:
+    """On the terminal, in its JSON and in the report."""
+    path = alone.parent / "run" / "identify-thermal.h5"
+    words = "not stated under 'uncertainty', and counted as exact: force_class, infrared_gain"
+    shown, told = (CliRunner().invoke(app, ["show", str(path), "--budget", *more]).stdout for more in ((), ("--json",)))
+    assert words in shown and json.loads(told)["exact"] == ["force_class", "infrared_gain"]
+    record = open_record(path)
+    assert budget_lines(record, {"identify-thermal": record})[-1] == f"{words[0].upper()}{words[1:]}."
+    silent = replace(record, summary={**record.summary, "exact": []})
+    assert "exact" not in " ".join(budget_lines(silent, {"identify-thermal": silent}))
 
 
 def test_a_new_study_leaves_the_mechanics_to_be_put_in(ready: Path, tmp_path: Path) -> None:

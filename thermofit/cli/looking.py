@@ -88,6 +88,7 @@ def _show(
 def _print_budget(console: Console, told: Mapping[str, Any]) -> None:
     """A row for every parameter and cause."""
     from thermofit.cli.printing import number, table
+    from thermofit.records.result import exact_words
 
     rows = []
     for name, found in told["budget"].items():
@@ -97,6 +98,8 @@ def _print_budget(console: Console, told: Mapping[str, Any]) -> None:
             rows.append([*lead, one["cause"], number(one["sigma"], 2), f"{100.0 * one['share']:.1f} %"])
     console.print(table("", ("parameter", "value", "+-", "unit", "cause", "its part", "of the variance"), rows, 1))
     console.print(told["verdict"], soft_wrap=True)
+    if told["exact"]:
+        console.print(exact_words(told["exact"]), soft_wrap=True)
 
 
 def _print_values(console: Console, name: str, described: Mapping[str, Any]) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import AT, THERMOCOUPLES, Parameters, bare_name, param
+from thermofit.experiment.channels import field_of
 from thermofit.experiment.priors import prior_sigma
 from thermofit.study.study import Study
 
@@ -55,6 +56,15 @@ def of_specimen(study: Study, specimen: Specimen, parameters: Parameters) -> dic
             found[name] = {name: sigma}
     free = {bare_name(name) for name in parameters.free}
     return {cause: moved for cause, moved in found.items() if not {cause, *moved} & (free & {*THERMOCOUPLES, _GAIN, _SCALE, _INFRARED})}
+
+
+def counted_as_exact(study: Study, channels: Collection[str], *, records: bool) -> tuple[str, ...]:
+    """Keys of `uncertainty` that a study does not state although they act in what is compared; `records`: of coupons, which have no cameras
+    and no area."""
+    seen = {field_of(bare_name(channel)) for channel in channels}
+    cameras = {"thickness": "u", "width": "u", "camera_scale": "u", "infrared_gain": "theta"}
+    act = ["force_class", *(() if records else (key for key, field in cameras.items() if field in seen))]
+    return tuple(key for key in act if getattr(study.uncertainty, key) is None)
 
 
 def stated(study: Study, parameters: Parameters) -> dict[str, Moved]:

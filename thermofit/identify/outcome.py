@@ -11,6 +11,8 @@ from thermofit.core.parameters import Parameters, param, physical_bounds, units_
 from thermofit.experiment.fields import field_datasets
 from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
+from thermofit.experiment.prescribed import counted_as_exact
+from thermofit.fit.budget import Budget
 from thermofit.identify.budget import budget_datasets, budget_summary
 from thermofit.identify.solve import Solved, merged_counts
 from thermofit.records.artefact import Dataset, ParameterResult, of_parameters
@@ -115,10 +117,16 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
         "algorithm": fit.algorithm,
         "channels": channels,
         "evaluations": counts,
-        **({} if solved.budget is None else budget_summary(solved.budget)),
+        **({} if solved.budget is None else _budget(study, solved, solved.budget)),
         **sorted_out((*remarks, solved.model.remark, *solved.remarks, *misfits(channels))),
     }
     return Made(datasets, summary, parameter_results(study, start, solved))
+
+
+def _budget(study: Study, solved: Solved, budget: Budget) -> dict[str, Any]:
+    """`budget_summary`, and `exact`: keys of `uncertainty` that are not stated, so that what they stand for counts as exact."""
+    exact = counted_as_exact(study, [c.channel for c in solved.model.comparisons], records=solved.model.segments is not None)
+    return {**budget_summary(budget), "exact": list(exact)}
 
 
 def nothing_identified(base: Parameters, remarks: tuple[str, ...]) -> Made:

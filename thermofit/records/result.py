@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,8 @@ def is_trustworthy(record: Record) -> bool:
 
 
 def budget_of(record: Record) -> dict[str, Any]:
-    """What the uncertainties of a result are made of: `budget` per parameter, causes largest first, and which measurement would help most.
-    DataError where it has none."""
+    """What the uncertainties of a result are made of: `budget` per parameter, causes largest first, which measurement would help most, and
+    `exact`, keys of `uncertainty` that the study does not state. DataError where it has none."""
     if not record.summary.get("budget"):
         raise DataError(
             f"{record.path}: '{record.stage}' tells no causes of uncertainty; expected refine.h5 or the record of an identification"
@@ -59,9 +60,15 @@ def budget_of(record: Record) -> dict[str, Any]:
             "verdict": str(record.summary.get("helps_most", "")),
             "parameters": {name: asdict(p) for name, p in record.parameters.items() if p.free},
             "budget": record.summary["budget"],
+            "exact": record.summary.get("exact", []),
         }
     )
     return told
+
+
+def exact_words(keys: Sequence[str]) -> str:
+    """What a budget does not hold, because the study does not state it."""
+    return f"not stated under 'uncertainty', and counted as exact: {', '.join(keys)}"
 
 
 def dataset_of(record: Record, name: str) -> dict[str, Any]:

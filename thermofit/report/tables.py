@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from thermofit.records.artefact import Record
+from thermofit.records.result import exact_words
 from thermofit.study.section import recorded_mesh
 from thermofit.study.study import Study
 
@@ -144,7 +145,8 @@ def budget_lines(verify: Record, records: Mapping[str, Record]) -> list[str]:
     if not rows:
         return ["Standard uncertainties hold the noise of the data only."]
     words = "Standard uncertainties are combined: noise of all channels, what was prescribed, mesh and steps. Shares of the variance:"
-    return [words, table(("parameter", "causes"), rows.values()), str(told[-1].summary.get("helps_most", ""))]
+    helps, exact = str(told[-1].summary.get("helps_most", "")), told[-1].summary.get("exact", ())
+    return [words, table(("parameter", "causes"), rows.values()), helps, *([f"{exact_words(exact).capitalize()}."] if exact else [])]
 
 
 def _free_order(study: Study, verify: Record) -> list[str]:

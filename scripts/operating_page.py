@@ -442,7 +442,7 @@ def _knocked(runs: list[Run]) -> list[str]:
         "that the loop tries (|cos| > 0.9 at the truth). So nothing can be named rightly. Something unlisted should be told, in a channel",
         "that holds at least a third of what the effect shows beyond the fitted parameters. Whatever is accepted is an impostor. `whole`",
         "are the runs in which nothing unlisted is told beside it: then it is the whole answer.",
-        f"The rule on errors of the clock was made with runs of seeds below {FRESH} in view. Fresh seeds are counted by themselves as well.",
+        f"The rule on errors of the clock was made with runs of seeds below {FRESH} in view. Fresh seeds are counted apart as well.",
         "",
         "| planted | amplitude | unlisted, right channel | unlisted | accepted | whole | nothing said | place, mm off | begin, s off |",
         "|---|---|---|---|---|---|---|---|---|",

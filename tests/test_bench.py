@@ -127,10 +127,25 @@ STA = """SUMMARY OF JOB INFORMATION
 
 
 def test_files_of_calculix_are_read(calculix: ModuleType) -> None:
-    assert calculix.last_values(DAT) == (1669.008, 302.3549, 100.0)
-    assert calculix.last_values("") == (None, None, None)
+    assert calculix.last_values(DAT) == (1669.008, 302.3549, None, 100.0)
+    assert calculix.last_values("") == (None, None, None, None)
+    pulled = " displacements (vx,vy,vz) for set END and time  0.1000000E+03\n\n      1105  -1.2E-01  1.4589E+01  0.0E+00\n"
+    assert calculix.last_values(pulled) == (None, None, 14.589, 100.0)
     assert calculix.converged_increments(STA) == 2
     assert calculix.converged_increments("\n".join(STA.splitlines()[:3])) == 0
+
+
+def test_the_deck_under_a_force_ties_the_end_and_pulls_it(calculix: ModuleType, bar: ModuleType) -> None:
+    """A quarter of the force, at the times of the increments; nothing is drawn then."""
+    problem = bar.Bar(SMALL)
+    force = np.linspace(0.0, 4000.0, problem.increments + 1)
+    drawn, pulled = (cards(calculix.deck(problem, coupled=True, force=given)) for given in (None, force))
+    top = bar.bar_mesh(problem).node_sets["top"] + 1
+    assert len(pulled["*EQUATION"]) == 2 * (len(top) - 1) and "*EQUATION" not in drawn
+    table = np.array([[float(v) for v in row.split(",")] for row in pulled["*AMPLITUDE, NAME=PULL"]])
+    assert np.allclose(table[:, 0], bar.bar_times(problem)) and np.allclose(table[:, 1], force / bar.SYMMETRY)
+    assert pulled["*CLOAD, AMPLITUDE=PULL"] == ["END, 2, 1."] and pulled["*NSET, NSET=END"] == [f"{top[0]},"]
+    assert "*BOUNDARY, AMPLITUDE=RAMP" in drawn and "*BOUNDARY, AMPLITUDE=RAMP" not in pulled
 
 
 def test_a_part_of_the_increments_is_extrapolated(calculix: ModuleType) -> None:
@@ -155,7 +170,7 @@ def test_a_peer_that_is_missing_is_left_out_with_a_sentence(
     peers, options = scripts("bench_peers"), measure.Options(SMALL, 1, 1, True, tmp_path)
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    for peer in (peers._calculix(bar.Bar(SMALL), options, 1.0, 6000.0), peers._felupe(bar.Bar(SMALL), options, 1.0)):
+    for peer in (peers._calculix(bar.Bar(SMALL), options, (1.0, 1.0), None, None), peers._felupe(bar.Bar(SMALL), options, 1.0)):
         assert peer.rows == () and "install it with" in peer.missing
         assert [target.met for target in peer.targets] == [None]
     assert list(tmp_path.iterdir()) == []

@@ -31,7 +31,7 @@ def asked(
 ) -> tuple[Any, list[str]]:
     """What is told where rivals have these gains at the optimum and these ends, and of which kinds the ends were asked."""
     made: list[str] = []
-    missing = SimpleNamespace(of_surface=SURFACE, of_instruments=CAMERAS)
+    missing = SimpleNamespace(of_surface=SURFACE, of_instruments=CAMERAS, records=())
     here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing, segments=segments)))
     structure: Any = SimpleNamespace(blocks=SimpleNamespace(channel="dtheta"))
 

@@ -13,10 +13,13 @@ from thermofit.diagnose.unlisted import COUNTS
 from thermofit.effects.catalogue import load_effect
 from thermofit.experiment.missing import KINDS, Grid
 from thermofit.experiment.missing_body import FIELDS, OF_CAMERAS, OF_SURFACE
+from thermofit.experiment.missing_coupon import OF_INSTRUMENTS
 from thermofit.report.unlisted import effect_file, place_in_words
 
 JAWS = OF_SURFACE[1:]
 ALIKE = (*OF_SURFACE, *(kind for kinds in OF_CAMERAS.values() for kind in kinds))
+OF_RECORDS = tuple(kind for kinds in OF_INSTRUMENTS.values() for kind in kinds)
+"""What instruments add to records of coupons; their files hold what it makes of the temperature (test_unlisted_records.py)."""
 SLOTS = {
     **dict.fromkeys(JAWS, "boundary_temperature"),
     **dict.fromkeys(("strain", "scale"), "camera"),
@@ -26,9 +29,10 @@ SLOTS = {
 
 
 def test_every_kind_is_told() -> None:
-    """A unit and words of its own, and hats; those of no place are the ones that a body has of surface and cameras."""
-    assert set(KINDS) == set(COUNTS) == {*FIELDS.values(), *ALIKE, "stress"}
-    assert {name for name, kind in KINDS.items() if kind.alike} == set(ALIKE) == set(SLOTS)
+    """A unit and words of its own, and hats; those of no place are the ones that a body has of surface and cameras, and records of their
+    instruments."""
+    assert set(KINDS) == set(COUNTS) == {*FIELDS.values(), *ALIKE, *OF_RECORDS, "stress"}
+    assert {name for name, kind in KINDS.items() if kind.alike} == {*ALIKE, *OF_RECORDS} and set(ALIKE) == set(SLOTS)
     assert len({kind.words for kind in KINDS.values()}) == len(KINDS)
 
 

@@ -34,7 +34,7 @@ def measure(options: Options, limits: Limits) -> Part:
     seconds, found = thermofit_run(bar, "displacement", bar_loading(bar), options.repeat)
     by_force, forced = thermofit_run(bar, "force", Loading(found.time, found.force), options.repeat)
     ours, middle = float(found.force[-1]), float(found.theta[-1][middle_node(bar_body(bar).mesh)])
-    peers = (_calculix(bar, options, (seconds, by_force), found, forced), _felupe(bar, options, seconds))
+    peers = (_calculix(bar, options, seconds, by_force, found, forced), _felupe(bar, options, seconds))
     agreement = [f"thermofit {ours:.1f} N, {middle:.2f} K in the middle of the bar"]
     agreement += [text for peer in peers for text in peer.agreement]
     missing = [peer.missing for peer in peers if peer.missing]
@@ -51,26 +51,26 @@ def measure(options: Options, limits: Limits) -> Part:
     )
 
 
-def _calculix(bar: Bar, options: Options, ours: tuple[float, float], drawn: History, pulled: History) -> Peer:
-    """Runs that are drawn and that are pulled by the force of thermofit; `ours` are its CPU s in both."""
+def _calculix(bar: Bar, options: Options, seconds: float, by_force: float, drawn: History, pulled: History) -> Peer:
+    """CalculiX drawn and pulled by the force of thermofit, whose CPU s are `seconds` and `by_force`, whose runs `drawn` and `pulled`."""
     name = "coupled bar pulled by a force: CPU of CalculiX coupled / thermofit"
     if not calculix.available():
         return Peer((), (Target(name, ">= 60 times", "not installed", None),), calculix.MISSING)
-    by_force = calculix.run(bar, options.scratch / "calculix-force", coupled=True, force=drawn.force)
+    forced = calculix.run(bar, options.scratch / "calculix-force", coupled=True, force=drawn.force)
     coupled = calculix.run(bar, options.scratch / "calculix-coupled", coupled=True)
     static = calculix.run(bar, options.scratch / "calculix-static", coupled=False)
     rows = (
-        _row("CalculiX, coupled, pulled by the same force", by_force, ours[1]),
-        _row("CalculiX, coupled, drawn", coupled, ours[0]),
-        _row("CalculiX, static (mechanics alone), drawn", static, ours[0]),
+        _row("CalculiX, coupled, pulled by the same force", forced, by_force),
+        _row("CalculiX, coupled, drawn", coupled, seconds),
+        _row("CalculiX, static (mechanics alone), drawn", static, seconds),
     )
-    targets = (at_least(name, by_force.whole / ours[1], 60.0),) if by_force.increments else ()
+    targets = (at_least(name, forced.whole / by_force, 60.0),) if forced.increments else ()
     force, end = float(drawn.force[-1]), bar_body(bar).mesh.node_sets["top"][0]
     temperature = "no temperature" if coupled.temperature is None else f"{coupled.temperature:.2f} K"
     share = f"{100.0 * (coupled.force / force - 1.0):+.2f} %"
     agreement = [f"CalculiX {coupled.force:.1f} N ({share}), {temperature}", f"CalculiX without heat {static.force:.1f} N"]
-    if by_force.elongation is not None:
-        agreement.append(f"Pulled, CalculiX grows by {by_force.elongation:.3f} mm and thermofit by {pulled.u[-1, end, 1]:.3f} mm")
+    if forced.elongation is not None:
+        agreement.append(f"Pulled, CalculiX grows by {forced.elongation:.3f} mm and thermofit by {pulled.u[-1, end, 1]:.3f} mm")
     return Peer(rows, targets, "", tuple(agreement))
 
 

@@ -436,13 +436,18 @@ def _knocked(runs: list[Run]) -> list[str]:
     """Effects that the catalogue of the loop did not hold, nor what is like them."""
     if not runs:
         return []
+    new = any(r["seed"] >= FRESH for r in runs)
     lines = [
         "",
         "**What the catalogue does not hold.** The planted effect was taken out, with all that this test cannot tell from it at any value",
         "that the loop tries (|cos| > 0.9 at the truth). So nothing can be named rightly. Something unlisted should be told, in a channel",
         "that holds at least a third of what the effect shows beyond the fitted parameters. Whatever is accepted is an impostor. `whole`",
         "are the runs in which nothing unlisted is told beside it: then it is the whole answer.",
-        f"The rule on errors of the clock was made with runs of seeds below {FRESH} in view. Fresh seeds are counted apart as well.",
+        *(
+            [f"The rule on errors of the clock was made with seeds below {FRESH} in view. Fresh seeds are counted apart as well."]
+            if new
+            else []
+        ),
         "",
         "| planted | amplitude | unlisted, right channel | unlisted | accepted | whole | nothing said | place, mm off | begin, s off |",
         "|---|---|---|---|---|---|---|---|---|",

@@ -170,7 +170,7 @@ def test_a_peer_that_is_missing_is_left_out_with_a_sentence(
     peers, options = scripts("bench_peers"), measure.Options(SMALL, 1, 1, True, tmp_path)
     monkeypatch.setattr("shutil.which", lambda name: None)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    for peer in (peers._calculix(bar.Bar(SMALL), options, (1.0, 1.0), None, None), peers._felupe(bar.Bar(SMALL), options, 1.0)):
+    for peer in (peers._calculix(bar.Bar(SMALL), options, 1.0, 1.0, None, None), peers._felupe(bar.Bar(SMALL), options, 1.0)):
         assert peer.rows == () and "install it with" in peer.missing
         assert [target.met for target in peer.targets] == [None]
     assert list(tmp_path.iterdir()) == []

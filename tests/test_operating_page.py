@@ -178,7 +178,7 @@ def test_what_the_catalogue_lacks_is_told_in_the_channel_that_shows_it(page: Any
     page.write([*RUNS, *runs], tmp_path, {})
     text = (tmp_path / "operating_figures.md").read_text()
     assert "| local_source | 10 | 1 of 4" in text and "| 1.5 | 2 |" in text and "| local_source | lamp 1 |" in text
-    assert "fresh seeds" not in text
+    assert "resh seeds" not in text
     again = [{**runs[0], "seed": page.FRESH}, {**runs[3], "seed": page.FRESH + 1}, {**runs[3], "seed": page.FRESH + 2}]
     (tmp_path / "more").mkdir()
     page.write([*RUNS, *runs, *again], tmp_path / "more", {})

@@ -16,7 +16,7 @@ from thermofit.diagnose.unlisted import closer_grid, sought, unlisted
 from thermofit.diagnose.unlisted_field import believed
 from thermofit.diagnose.unlisted_loop import in_their_stead, needed_elsewhere, resembled_by
 from thermofit.diagnose.unlisted_place import compact, when_of
-from thermofit.diagnose.unlisted_structure import ChannelBlocks, Structure
+from thermofit.diagnose.unlisted_structure import ChannelBlocks, Structure, alternating
 from thermofit.fit.memory import differences
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -32,6 +32,27 @@ def test_excess_is_beyond_noise_and_discretisation() -> None:
     residual = np.repeat([2.0, -1.0], 4)
     assert blocks().excess(residual) == 18.0 and blocks(3.0, 2.0).excess(residual) == 10.0
     assert blocks(3.0).spread == pytest.approx(6.0)
+
+
+def weights_of(added: list[float]) -> dict[int, Any]:
+    """Weights of the one channel of a record to which an error of its instrument that lasts would add this, where one fitted parameter is a
+    shift of all rows."""
+    missing = SimpleNamespace(
+        records=("pull",), of_instruments={"theta": ("clock",)}, grid=lambda *_: SimpleNamespace(size=1), answers=lambda *_: np.array(added)
+    )
+    model: Any = SimpleNamespace(missing=missing, comparisons=[SimpleNamespace(n=8)], columns=lambda a: {0: a[:, None]})
+    fitted: Any = SimpleNamespace(residual=np.zeros(8), projected=lambda whole: whole - whole.mean())
+    return alternating(cast(Any, SimpleNamespace(model=model, parameters=None)), fitted)
+
+
+def test_rows_are_weighted_by_what_an_instrument_adds_beside_the_parameters() -> None:
+    """Of mean square one. A block to which it adds nothing has its own sum then, and what parameters take wholly is no weight."""
+    (weight,) = weights_of([3.0, 1.0, 3.0, 1.0, 2.0, 2.0, 2.0, 2.0])[0]
+    assert weight == pytest.approx(np.sqrt(2.0) * np.array([1, -1, 1, -1, 0, 0, 0, 0]), abs=1e-5)
+    count = np.bincount(np.repeat([0, 1], 4), weight**2)
+    weighted = ChannelBlocks("theta", np.arange(8), np.repeat([0, 1], 4), count, np.zeros(2), np.zeros(2), weight)
+    assert weighted.excess(np.array([1.0, -1.0, 1.0, -1.0, 2.0, 2.0, 2.0, 2.0])) == pytest.approx(4.0 + 16.0, rel=1e-4)
+    assert weights_of([5.0] * 8) == {}
 
 
 @pytest.mark.parametrize(("excess", "out"), [(7.9, False), (8.1, True)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from record_case import BUMP, FREE, POWER, PULSE, TRUTH, case_of
 from refits import refitting
 
+from thermofit.core.parameters import Parameters
 from thermofit.diagnose import unlisted_loop
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import close_loop
@@ -26,6 +28,19 @@ def found_in(case: Case) -> tuple[Traced, Unlisted | None]:
     assert fit.converged
     here = traced(replace(case, parameters=parameters))
     return here, unlisted(here, None, [s.effect for s in here.promising()])
+
+
+def amount_of_file(folder: Path, here: Traced, found: Unlisted, again: Callable[[], Case]) -> tuple[float, Case, Parameters]:
+    """The share of a reconstructed term that a fit with its effect file finds in a case made after the file is loaded; that case, and the
+    parameters of the fit."""
+    file = effect_file("a test", here, found)
+    assert file is not None
+    path = folder / f"{file.name}.py"
+    path.write_text(file.text, encoding="utf-8")
+    added, case = load_effect(path), again()
+    parameters, fit = refitting(case.model)(here.case.parameters.with_free((*FREE, added.amplitude.name)), "with the file")
+    assert fit.converged
+    return parameters[added.amplitude.name], case, parameters
 
 
 def test_nothing_planted_is_nothing_unlisted(tmp_path: Path) -> None:
@@ -49,14 +64,8 @@ def test_a_pulse_of_heat(tmp_path: Path) -> None:
     assert said["when_s"] == pytest.approx(PULSE, abs=3.0)
     assert said["mean_in_window"] == pytest.approx(POWER, rel=0.15)
     assert said["after"]["held_out"]["dtheta"] < 0.5 * said["before"]["held_out"]["dtheta"]
-    file = effect_file("a test", here, found)
-    assert file is not None
-    path = tmp_path / f"{file.name}.py"
-    path.write_text(file.text, encoding="utf-8")
-    added = load_effect(path)
-    again = case_of(tmp_path, 1, pulse=True)
-    parameters, fit = refitting(again.model)(here.case.parameters.with_free((*FREE, added.amplitude.name)), "with the file")
-    assert fit.converged and parameters[added.amplitude.name] == pytest.approx(1.0, abs=0.1)
+    amount, again, parameters = amount_of_file(tmp_path, here, found, lambda: case_of(tmp_path, 1, pulse=True))
+    assert amount == pytest.approx(1.0, abs=0.1)
     rows = here.rows.channel == here.case.channels.index("dtheta")
     assert np.mean(again.model.residual(parameters)[rows] ** 2) < 1.3 < 0.25 * np.mean(here.columns.residual[rows] ** 2)
 
@@ -93,12 +102,7 @@ def test_a_clock_that_runs_slow_or_fast(tmp_path: Path, late: float) -> None:
     assert said["after"]["held_out"]["dtheta"] < 0.5 * said["before"]["held_out"]["dtheta"] + 0.5 * 0.01
     file = effect_file("a test", here, found)
     assert file is not None and "clock" in file.words
-    path = tmp_path / f"{file.name}.py"
-    path.write_text(file.text, encoding="utf-8")
-    added = load_effect(path)
-    again = case_of(tmp_path, 4, late=late)
-    parameters, fit = refitting(again.model)(here.case.parameters.with_free((*FREE, added.amplitude.name)), "with the file")
-    assert fit.converged and parameters[added.amplitude.name] == pytest.approx(1.0, abs=0.15)
+    assert amount_of_file(tmp_path, here, found, lambda: case_of(tmp_path, 4, late=late))[0] == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize(("times", "seed"), [(3.0, 1616402), (10.0, 1616300)])
@@ -106,7 +110,7 @@ def test_a_clock_whose_error_has_no_sum_in_any_block(scripts: Any, times: float,
     """Three times the smallest error that can be seen, where loads reverse within each block. Ten times, where the misfit looks like noise
     with a long memory: nothing had been said at seven times the noise."""
     row = scripts("operating_run").run_one("point", {"driver": "point", "kind": "ir_clock", "times": times, "knocked": True, "seed": seed})
-    assert row["without"] == ["ir_clock"] or "ir_clock" in row["without"]
+    assert "ir_clock" in row["without"]
     assert row["accepted"] == [] and row["unlisted"] == "dtheta"
 
 

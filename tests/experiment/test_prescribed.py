@@ -50,19 +50,24 @@ def test_an_area_or_a_force_that_errs_is_what_its_stand_in_makes(cause: str) -> 
 
 
 @pytest.mark.parametrize(
-    ("said", "channels", "records", "exact"),
+    ("said", "channels", "free", "records", "exact"),
     [
-        ("", ("du", "dtheta"), False, ("force_class", "thickness", "width", "camera_scale", "infrared_gain")),
-        ("", ("du",), False, ("force_class", "thickness", "width", "camera_scale")),
-        ("", ("dtheta@first",), False, ("force_class", "infrared_gain")),
-        ("", ("stress", "dtheta"), True, ("force_class",)),
-        ("uncertainty: {force_class: 1, width: 0.25, infrared_gain: 0.01}\n", ("du", "dtheta"), False, ("thickness", "camera_scale")),
-        (STATED, ("du", "dtheta"), False, ()),
+        ("", ("du", "dtheta"), ("E",), False, ("force_class", "thickness", "width", "camera_scale", "infrared_gain")),
+        ("", ("du",), (), False, ("force_class", "thickness", "width", "camera_scale")),
+        ("", ("dtheta@first",), (), False, ("force_class", "thickness", "width", "infrared_gain")),
+        ("", ("du", "dtheta"), ("ir_gain.gain@first", "dic_scale.error"), False, ("force_class", "thickness", "width")),
+        ("", ("du", "dtheta"), ("force_scale.gain",), False, ("camera_scale", "infrared_gain")),
+        ("", ("stress", "dtheta"), (), True, ("force_class",)),
+        ("uncertainty: {force_class: 1, width: 0.25, infrared_gain: 0.01}\n", ("du", "dtheta"), (), False, ("thickness", "camera_scale")),
+        (STATED, ("du", "dtheta"), (), False, ()),
     ],
 )
-def test_what_a_study_does_not_state_counts_as_exact(said: str, channels: tuple[str, ...], records: bool, exact: tuple[str, ...]) -> None:
-    """Where it acts in what is compared; records of coupons have neither cameras nor an area."""
-    assert counted_as_exact(study(said), channels, records=records) == exact
+def test_what_a_study_does_not_state_counts_as_exact(
+    said: str, channels: tuple[str, ...], free: tuple[str, ...], records: bool, exact: tuple[str, ...]
+) -> None:
+    """Where it acts in what is compared and nothing that stands for it is fitted; an area acts in temperatures as well. Records of coupons
+    have neither cameras nor an area."""
+    assert counted_as_exact(study(said), channels, free, records=records) == exact
 
 
 def test_temperature_differences_that_are_too_large_by_the_gain_look_like_smaller_coefficients() -> None:

@@ -201,9 +201,9 @@ def test_stated_errors_of_the_mechanics_enter_the_budget(alone: Path, tmp_path: 
 def test_what_is_not_stated_is_shown_with_the_budget(alone: Path) -> None:
     """On the terminal, in its JSON and in the report."""
     path = alone.parent / "run" / "identify-thermal.h5"
-    words = "not stated under 'uncertainty', and counted as exact: force_class, infrared_gain"
+    words = "not stated under 'uncertainty', and counted as exact: force_class, thickness, width, infrared_gain"
     shown, told = (CliRunner().invoke(app, ["show", str(path), "--budget", *more]).stdout for more in ((), ("--json",)))
-    assert words in shown and json.loads(told)["exact"] == ["force_class", "infrared_gain"]
+    assert words in shown and json.loads(told)["exact"] == ["force_class", "thickness", "width", "infrared_gain"]
     record = open_record(path)
     assert budget_lines(record, {"identify-thermal": record})[-1] == f"{words[0].upper()}{words[1:]}."
     silent = replace(record, summary={**record.summary, "exact": []})

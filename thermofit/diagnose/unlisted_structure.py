@@ -27,6 +27,7 @@ from thermofit.fit.memory import differences
 BLOCKS = (16, 6, 2)
 """Blocks in time, y and x."""
 _LEAST_WEIGHT = 1e-6
+"""Added to all weights: a block to which an instrument would add nothing then counts as one without weights."""
 SURE = 4.0
 """Standard deviations of the noise by which the excess has to stand out."""
 
@@ -75,9 +76,9 @@ def structures(
     """Structure of every channel; `numerical` (n,) is the error of the discretisation in the residual, `model` the fitted parameters beside
     which it is left.
 
-    What an instrument adds that goes to and fro within a block, as an error of the clock does where a load reverses, leaves no sum: its
-    rows are weighted by what it would add, and the structure is the one of both that stands out more. It is a misfit that looks like noise
-    with a memory: what noise remembers is told by what is left without it.
+    What an instrument adds may go to and fro within a block, as an error of the clock does where a load reverses, and leaves no sum there.
+    So the rows of coupons are also weighted by what it would add (`alternating`). The structure of a channel is the one of both that stands
+    out more. Such a misfit looks like noise with a memory, so that memory is told by the residual without it.
     """
     out, at, memory = [], 0, remembered(case, rows, residual)
     turning = {} if model is None else alternating(case, model)
@@ -120,7 +121,7 @@ def alternating(case: Case, fitted: LinearModel) -> dict[int, tuple[np.ndarray, 
                 whole[own] = columns.sum(axis=1)
                 weight = fitted.projected(whole)[own]
                 size = float(np.sqrt(np.mean(weight**2)))
-                if size > 0.0:  # a block where nothing is added counts as it is
+                if size > 0.0:
                     out[k] = (*out.get(k, ()), weight / size + _LEAST_WEIGHT)
     return out
 

@@ -21,6 +21,8 @@ FIELDS = {"theta": "heat", "stress": "stress"}
 """Kind of the missing term by observed field."""
 OF_INSTRUMENTS = {"theta": ("clock",)}
 """Kinds by observed field of what its instrument may add. Any other history of a temperature is one of a power, by the lumped balance."""
+SHOWN_BY = {**{kind: field for field, kind in FIELDS.items()}, **{kind: field for field, kinds in OF_INSTRUMENTS.items() for kind in kinds}}
+"""The observed field that shows a kind."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,9 @@ class CouponMissing:
         """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, MPa and s. What a load cell or a
         sensor lacks shows in its own records alone.
 
-        A clock that is wrong by tau(t) shows theta(t + tau), which a sensor with a lag -tau does as well, to first order: tau dtheta/dt.
+        A clock that is late by tau(t) shows theta(t + tau), to first order tau dtheta/dt more. One that lags by tau shows so much less.
         """
-        field = next((name for name, of in FIELDS.items() if of == kind), "theta")
+        field = SHOWN_BY[kind]
         in_time = time_hats(grid, self.time, self.part)[:, chosen]
         if kind == "stress":
             return {field: in_time[:, None, None, :]}

@@ -58,13 +58,15 @@ def of_specimen(study: Study, specimen: Specimen, parameters: Parameters) -> dic
     return {cause: moved for cause, moved in found.items() if not {cause, *moved} & (free & {*THERMOCOUPLES, _GAIN, _SCALE, _INFRARED})}
 
 
-def counted_as_exact(study: Study, channels: Collection[str], *, records: bool) -> tuple[str, ...]:
-    """Keys of `uncertainty` that a study does not state although they act in what is compared; `records`: of coupons, which have no cameras
-    and no area."""
-    seen = {field_of(bare_name(channel)) for channel in channels}
-    cameras = {"thickness": "u", "width": "u", "camera_scale": "u", "infrared_gain": "theta"}
-    act = ["force_class", *(() if records else (key for key, field in cameras.items() if field in seen))]
-    return tuple(key for key in act if getattr(study.uncertainty, key) is None)
+def counted_as_exact(study: Study, channels: Collection[str], free: Collection[str], *, records: bool) -> tuple[str, ...]:
+    """Keys of `uncertainty` that a study does not state although they act in what is compared, and although what stands for them is not
+    among the `free` parameters; `records`: of coupons, which have no cameras and no area."""
+    seen, fitted = {field_of(bare_name(channel)) for channel in channels}, {bare_name(name) for name in free}
+    stands = {"force_class": _GAIN} if records else {"force_class": _GAIN, "thickness": _GAIN, "width": _GAIN}
+    if not records:
+        stands |= {"camera_scale": _SCALE} if "u" in seen else {}
+        stands |= {"infrared_gain": _INFRARED} if "theta" in seen else {}
+    return tuple(key for key, name in stands.items() if name not in fitted and getattr(study.uncertainty, key) is None)
 
 
 def stated(study: Study, parameters: Parameters) -> dict[str, Moved]:

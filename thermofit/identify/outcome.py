@@ -125,7 +125,8 @@ def made(study: Study, start: Parameters, solved: Solved, remarks: tuple[str, ..
 
 def _budget(study: Study, solved: Solved, budget: Budget) -> dict[str, Any]:
     """`budget_summary`, and `exact`: keys of `uncertainty` that are not stated, so that what they stand for counts as exact."""
-    exact = counted_as_exact(study, [c.channel for c in solved.model.comparisons], records=solved.model.segments is not None)
+    channels, records = [c.channel for c in solved.model.comparisons], solved.model.segments is not None
+    exact = counted_as_exact(study, channels, solved.fit.names, records=records)
     return {**budget_summary(budget), "exact": list(exact)}
 
 

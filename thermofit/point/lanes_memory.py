@@ -4,7 +4,7 @@ A workspace is a flat array in rows of eight numbers. Rows of any C-contiguous a
 axes.
 
 States and rates of all points do not stay in the processor's cache from one pass over the elements to the next. A kernel has those of the
-next point or element fetched while it works on this one: without, passes waited for memory half of their time.
+next point or element fetched while it works on this one (docs/performance.md).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def set_row(typing: Any, w: Any, n: Any, value: Any) -> Any:
 
 @intrinsic
 def prefetch_row(typing: Any, w: Any, n: Any) -> Any:
-    """Have the processor bring row n near before it is read or written; a row beyond the end does no harm."""
+    """Have the processor fetch row n before it is read or written; a row beyond the end does no harm."""
 
     def emit(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         address = builder.bitcast(_row_address(context, builder, signature.args[0], values[0], values[1]), ir.IntType(8).as_pointer())

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from thermofit.body.element.lanes import one_element
+from thermofit.body.element.lanes import one_element, prefetch_element
 from thermofit.body.element.shape import GAUSS_POINTS, SHAPE, ElementData, element_data, reference_gradients, shape_functions
 from thermofit.body.element.stiffness import ELEMENT_ROWS
 from thermofit.core.jit import kernel
@@ -51,9 +51,7 @@ def element_pass(
     for chunk in prange(_CHUNKS):
         w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(POINT_ROWS)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            prefetch_rows(data.inverse_jacobian, 9 * (e + 1), 9, 1)
-            prefetch_rows(state_n, (e + 1) * state_n.shape[2], state_n.shape[2], 1)
-            prefetch_rows(state, (e + 1) * state.shape[2], state.shape[2], 1)
+            prefetch_element(data, e + 1, state_n, state)
             if tangent:
                 prefetch_rows(stiffness, 72 * (e + 1), 72, 1)
             if not one_element(data, e, u, theta, state_n[e], law, tangent, w, point, force[e], stiffness[e], state[e], dilatation[e]):

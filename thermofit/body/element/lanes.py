@@ -32,7 +32,7 @@ from thermofit.core.jit import kernel
 from thermofit.core.lanes import Lanes, all_lanes, spread
 from thermofit.law.page import Law
 from thermofit.law.tensor import Symmetric, scaled
-from thermofit.point.lanes_memory import lane_sum, number, row, set_row, set_vectors
+from thermofit.point.lanes_memory import lane_sum, number, prefetch_rows, row, set_row, set_vectors
 from thermofit.point.lanes_point import kirchhoff_stress, set_spatial_stiffness, update_lanes
 from thermofit.point.lanes_tensor import (
     Tensor,
@@ -95,6 +95,14 @@ def _set_gradients(w: np.ndarray) -> None:
         mean = vector_added(mean, g, number(w, J_WEIGHT, q))
     r = 1.0 / lane_sum(row(w, J_WEIGHT))
     set_vector_rows(w, MEAN, (r * mean[0], r * mean[1], r * mean[2]))
+
+
+@kernel(forceinline=True)
+def prefetch_element(data: ElementData, e: int, state_n: np.ndarray, state: np.ndarray) -> None:
+    """Have J_0^-1 of element e and the states of its points, (n_el, 8, n), before and after, fetched."""
+    prefetch_rows(data.inverse_jacobian, 9 * e, 9, 1)
+    prefetch_rows(state_n, e * state_n.shape[2], state_n.shape[2], 1)
+    prefetch_rows(state, e * state.shape[2], state.shape[2], 1)
 
 
 @kernel(forceinline=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numba import prange
 
 from thermofit.body.element.hex8 import ElementData
-from thermofit.body.element.lanes import element_kinematics
+from thermofit.body.element.lanes import element_kinematics, prefetch_element
 from thermofit.body.element.stiffness import ELEMENT_ROWS
 from thermofit.core.jit import kernel
 from thermofit.law.page import Law
@@ -87,9 +87,7 @@ def _responses(
     for chunk in prange(_CHUNKS):
         w, point = lane_workspace(ELEMENT_ROWS), lane_workspace(ROWS)
         for e in range(chunk * n_el // _CHUNKS, (chunk + 1) * n_el // _CHUNKS):
-            prefetch_rows(data.inverse_jacobian, 9 * (e + 1), 9, 1)
-            prefetch_rows(state_n, (e + 1) * state_n.shape[2], state_n.shape[2], 1)
-            prefetch_rows(state, (e + 1) * state.shape[2], state.shape[2], 1)
+            prefetch_element(data, e + 1, state_n, state)
             prefetch_rows(out, (e + 1) * out.shape[1], GRADIENTS, 1)
             f, j = element_kinematics(data, e, u, w)
             set_row(log_j, e, math.log(j))

@@ -223,13 +223,13 @@ def load_rates(
 
 @kernel(forceinline=True)
 def _prefetch_rates(values: np.ndarray, at: int, step: int) -> None:
-    """Have the rates of the next point brought near while those of this one, whose state begins at row `at`, are at work."""
+    """Have the rates of the next point fetched; those of this one begin at row `at`."""
     prefetch_rows(values, at + values.shape[2] * step, values.shape[2], step)
 
 
 @kernel(forceinline=True)
 def _prefetch_next(data: ElementData, response: np.ndarray, out: np.ndarray, e: int, q: int) -> None:
-    """Have an eighth of what the next element will read, and write to `out` (n_el, 24, m), brought near."""
+    """Have an eighth of what the next element will read, and write to `out` (n_el, 24, m), fetched."""
     n, n_groups = response.shape[1], out.shape[2] // WIDTH
     prefetch_rows(out, (24 * (e + 1) + 3 * q) * n_groups, 3 * n_groups, 1)
     prefetch_rows(response, (e + 1) * n + q, (n - q + 7) // 8, 8)

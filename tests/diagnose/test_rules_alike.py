@@ -88,7 +88,7 @@ def test_where_one_does_not_hold_the_next_best_is_told(monkeypatch: pytest.Monke
     def camera(_: Any, there: Any, __: Any, term: Term) -> None:
         asked.append(("camera", there is here, term.kind))
 
-    monkeypatch.setattr(module, "standing", lambda *_: [structure])
+    monkeypatch.setattr(module, "structured", lambda *_: [structure])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "undriven", lambda *_: (APART, ""))
     monkeypatch.setattr(module, "sought", lambda *_: (Term("heat", 1.0, 9), here))

@@ -142,4 +142,4 @@ def test_what_the_noise_of_the_reference_has_in_common_is_no_structure() -> None
     block, count = np.repeat([0, 1], 4), np.full(2, 4.0)
     for channel, expected in (("dtheta", 0.75), ("dtheta@second", 0.75), ("du", 0.0)):
         case: Any = SimpleNamespace(model=SimpleNamespace(comparisons=(SimpleNamespace(channel=channel, noise=noise, n=8),)))
-        assert shared_part(case, np.arange(8), block, count, 8) == pytest.approx([expected] * 2)
+        assert shared_part(case, np.arange(8), block, count, np.ones(8)) == pytest.approx([expected] * 2)

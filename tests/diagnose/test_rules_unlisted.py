@@ -82,7 +82,7 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
         ranking=SimpleNamespace(scores=(SimpleNamespace(effect="lamp"), SimpleNamespace(effect="refused"))),
         case=SimpleNamespace(parameters=None),
     )
-    monkeypatch.setattr(module, "standing", lambda *_: [Structure(blocks(), 100.0, 0.1)])
+    monkeypatch.setattr(module, "structured", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda _here, _s, names: ("refused", 0.9) if "refused" in names else ("lamp", explained))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
     monkeypatch.setattr(module, "through_surface", lambda *_: None)
@@ -118,7 +118,7 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for(
         problem=SimpleNamespace(model=SimpleNamespace(left=left)),
     )
     term: Any = SimpleNamespace(field=SimpleNamespace(proof=GOOD if law else replace(GOOD, gain=0.0)))
-    monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
+    monkeypatch.setattr(module, "structured", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
     monkeypatch.setattr(module, "through_surface", lambda *_: None)
@@ -149,7 +149,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch.setattr(module, "through_surface", lambda *_: None)
     monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
-    monkeypatch.setattr(module, "standing", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
+    monkeypatch.setattr(module, "structured", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: term)
     monkeypatch.setattr(module, "settled", lambda *_: (term, None, ""))
@@ -327,7 +327,7 @@ def stead(
         gain, sigma = gains.get(after[0], (0.0, 0.01))
         return replace(GOOD, gain=gain, sigma=sigma)
 
-    monkeypatch.setattr(loop, "standing", lambda *_: [structure_of(excess, left)])
+    monkeypatch.setattr(loop, "structured", lambda *_: [structure_of(excess, left)])
     monkeypatch.setattr(loop, "broad_basis", lambda *_: Hat())
     monkeypatch.setattr(loop, "camera_bases", lambda *_: [Hat()] if camera else [])
     monkeypatch.setattr(loop, "without_effects", lambda _here, names: " ".join(names))

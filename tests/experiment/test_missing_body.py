@@ -98,6 +98,7 @@ def test_a_spot_that_travels_is_at_every_time_where_it_is_then() -> None:
         ("jaw_lower", "dtheta", 2.0, 0.01),
         ("offset", "dtheta", 0.2, 1e-6),
         ("gradient", "dtheta", 10.0, 1e-6),
+        ("clock", "dtheta", 3.0, 1e-6),
         ("strain", "du", 1.0, 1e-6),
         ("scale", "du", 40.0, 1e-6),
     ],
@@ -112,7 +113,7 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     joint, base = model(study()), Parameters.of(TRUTH)
     assert isinstance(joint.missing, BodyMissing) and joint.missing.of_surface == {"theta": OF_SURFACE}
-    assert joint.missing.of_instruments == {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
+    assert joint.missing.of_instruments == {"theta": ("offset", "gradient", "clock"), "u": ("strain", "scale")}
     grid = joint.missing.grid(kind, (320, 1, 1))
     seen = joint.observations["theta" if channel == "dtheta" else "u"].time
     assert len(grid.time) == len(seen) if "jaw" not in kind else len(grid.time) > len(seen), "as dense as it is observed, or denser"
@@ -133,7 +134,7 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
     assert np.abs(expected - change).max() < within * np.abs(change).max()
     # A pixel is given to the point that the displacement cameras say is there, and what is warmer expands.
     other, times = ("dtheta", 1.0) if channel == "du" else ("du", 30.0)
-    assert set(elsewhere) == (set() if kind in ("offset", "gradient") else {"theta" if channel == "du" else "u"})
+    assert set(elsewhere) == (set() if kind in ("offset", "gradient", "clock") else {"theta" if channel == "du" else "u"})
     for also in elsewhere.values():
         change = (joint.residual(base.replace(**{f"{NAME}.scale": times})) - joint.residual(base))[part(joint, other)] / times
         (comparison,) = (c for c in joint.comparisons if c.channel == other)
@@ -193,6 +194,17 @@ def test_knots_are_no_farther_apart_than_asked() -> None:
         np.all(np.min(np.abs(grids["jaws"][:, None] - rare), axis=0) < 1e-9)
         and np.diff(grids["jaws"]).max() <= 2.0 * np.median(np.diff(rare)) + 1e-9
     )
+
+
+def test_an_error_of_the_clock_is_seen_through_the_camera() -> None:
+    """A camera that shows half as much again of every difference shows as much more of what changes in a second."""
+    joint, base = model(study()), Parameters.of(TRUTH)
+    assert isinstance(joint.missing, BodyMissing)
+    grid = joint.missing.grid("clock", (5, 1, 1))
+    plain, gained = (
+        joint.missing.answers("clock", p, grid, np.arange(grid.size))["theta"] for p in (base, base.replace(**{"ir_gain.gain": 0.5}))
+    )
+    assert np.abs(plain).max() > 0.01 and gained == pytest.approx(1.5 * plain, rel=1e-9, abs=1e-12)
 
 
 def test_both_jaws_are_the_upper_and_the_lower_one() -> None:

@@ -33,7 +33,7 @@ from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.diagnose.unlisted_steps import best_of_its_form, better, in_steps
 from thermofit.diagnose.unlisted_structure import SURE as STANDS_OUT
-from thermofit.diagnose.unlisted_structure import Structure, structures
+from thermofit.diagnose.unlisted_structure import Structure, alternating, as_weight, structures
 from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import KINDS, Grid, MissingTerm
@@ -115,7 +115,7 @@ def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str]
     """
     every = [s.effect for s in here.ranking.scores]
     found = []
-    for structure in standing(here, numerical):
+    for structure in structured(here, numerical):
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
         apart, failed = undriven(here, structure)
@@ -328,8 +328,44 @@ def standing(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
     """Channels that hold more than noise and discretisation make, the surest first."""
     model = here.problem.model
     error = None if numerical is None else model.projected(numerical)
-    found = [s for s in structures(here.case, here.rows, model.left, error, model) if s.stands_out]
+    found = [s for s in structures(here.case, here.rows, model.left, error, alternating(here.case, model)) if s.stands_out]
     return sorted(found, key=lambda s: -s.excess / s.blocks.spread)
+
+
+def structured(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
+    """Channels that hold structure, the surest first; of a body those of which held-out data ask for a term, too.
+
+    What is small and everywhere, or looks like noise that remembers, makes no block stand out. The rows of such a channel are weighted by
+    what the term adds.
+    """
+    model, case = here.problem.model, here.case
+    found = standing(here, numerical)
+    if case.model.segments is not None or case.model.missing is None:
+        return found
+    error = None if numerical is None else model.projected(numerical)
+    weights: dict[int, tuple[np.ndarray, ...]] = {}
+    for k, structure in enumerate(structures(case, here.rows, model.left, error)):
+        term = None if structure.stands_out else asked_for(here, structure)
+        if term is not None:
+            added = np.zeros(len(model.residual))
+            added[term.basis.rows] = term.basis.columns @ term.q[: len(term.basis.chosen)]
+            weight = as_weight(model, added, term.basis.own)
+            weights |= {} if weight is None else {k: (weight,)}
+    if not weights:
+        return found
+    weighted = structures(case, here.rows, model.left, error, weights)
+    more = [s for k, s in enumerate(weighted) if k in weights and s.stands_out]
+    return sorted([*found, *more], key=lambda s: -s.excess / s.blocks.spread)
+
+
+def asked_for(here: Traced, structure: Structure) -> MissingField | None:
+    """The term at the optimum that predicts held-out data of a channel best; None where they ask for none."""
+    missing = here.case.model.missing
+    assert missing is not None, "it has kinds"
+    alike = [everywhere_alike(here, here, structure, kinds) for kinds in (missing.of_surface, missing.of_instruments)]
+    broad = broad_basis(here.case, structure)
+    terms = [own.term for own in alike if own is not None] + ([] if broad is None else [solved(here, broad)])
+    return max(filter(believed, terms), key=lambda term: term.proof.gain, default=None)
 
 
 def best_listed(here: Traced, structure: Structure, names: Sequence[str]) -> tuple[str, float]:

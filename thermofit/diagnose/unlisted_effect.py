@@ -140,6 +140,12 @@ _ALIKE: Mapping[str, _Alike] = {
         (),
         PER_MILLE,
     ),
+    "clock": _Alike(
+        "sensor",
+        "theta_camera = theta + scale T(t) d theta/dt",
+        *_AT_SENSOR,
+        "theta + scale * now[:, None] * np.gradient(theta, scene.time, axis=0)",
+    ),
     "strain": _Alike(
         "camera", "u_camera = u + scale e(t) (x + u)", *_AT_CAMERAS, "u + scale * now[:, None, None] * scene.position", (), PER_MILLE
     ),

@@ -15,7 +15,7 @@ from thermofit.diagnose.case import Refit
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
-from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, standing, unlisted
+from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, structured, unlisted
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, MissingField, field_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.missing_body import OF_CAMERAS
@@ -94,7 +94,7 @@ def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alon
     if here.case.cheap:
         return ()
     best: tuple[float, tuple[str, ...]] = (0.0, ())
-    for structure in standing(here, numerical):
+    for structure in structured(here, numerical):
         little = structure.excess <= BEHIND * structure.blocks.excess(closed.first.columns.residual)
         broad = None if little or by_cameras_alone else broad_basis(here.case, structure)
         for hat in (*([] if broad is None else [broad]), *camera_bases(here, structure)):

@@ -12,6 +12,7 @@ is what is left to be explained; its standard deviation under noise is sqrt(2 su
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,32 +71,35 @@ class Structure:
         return self.excess > SURE * self.blocks.spread
 
 
+Weights = Mapping[int, tuple[np.ndarray, ...]]
+"""By the number of a channel, weights of its rows (n_own,) whose mean square is one."""
+
+
 def structures(
-    case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarray | None, model: LinearModel | None = None
+    case: Case, rows: Rows, residual: np.ndarray, numerical: np.ndarray | None, weights: Weights | None = None
 ) -> tuple[Structure, ...]:
-    """Structure of every channel; `numerical` (n,) is the error of the discretisation in the residual, `model` the fitted parameters beside
-    which it is left.
+    """Structure of every channel; `numerical` (n,) is the error of the discretisation in the residual.
 
     What an instrument adds may go to and fro within a block, as an error of the clock does where a load reverses, and leaves no sum there.
-    So the rows of coupons are also weighted by what it would add (`alternating`). The structure of a channel is the one of both that stands
-    out more. Such a misfit looks like noise with a memory, so that memory is told by the residual without it.
+    So the rows are also weighted by what something would add (`weights`). The structure of a channel is the one of all that stands
+    out most. Such a misfit looks like noise with a memory, so that memory is told by the residual without it.
     """
     out, at, memory = [], 0, remembered(case, rows, residual)
-    turning = {} if model is None else alternating(case, model)
+    turning = weights or {}
     for k, comparison in enumerate(case.model.comparisons):
         own = np.arange(at, at + comparison.n)
         at += comparison.n
-        block, series = _places(rows, own, comparison.rows, case.model.segments is not None)
-        alike = memory.of_channel[k]
-        level = alike.of_sums if case.model.segments is not None else alike.of_blocks(differences(residual[own], *series)[0])
+        in_place, in_time, series = _places(rows, own, comparison.rows, case.model.segments is not None)
         found = []
         for number, weight in enumerate((np.ones(comparison.n), *turning.get(k, ()))):
+            # By its weight, what is added has one sign wherever it is.
+            block, alike, without = (in_time if number > 0 else in_place), memory.of_channel[k], residual.copy()
             count = np.bincount(block, weight**2)
             if number > 0:
-                without = residual.copy()
                 without[own] -= weight * (np.bincount(block, weight * residual[own]) / count)[block]
-                level = remembered(case, rows, without).of_channel[k].of_sums
-            shared = shared_part(case, own, block, count, len(residual))
+                alike = remembered(case, rows, without).of_channel[k]
+            level = alike.of_sums if case.model.segments is not None else alike.of_blocks(differences(without[own], *series)[0])
+            shared = shared_part(case, own, block, count, weight)
             error = np.zeros(len(count)) if numerical is None else np.bincount(block, weight * numerical[own], len(count)) ** 2 / count
             blocks = ChannelBlocks(case.channels[k], own, block, count, np.full(len(count), level) + shared, OVER_NUMERICAL * error, weight)
             excess = blocks.excess(residual)
@@ -105,8 +109,7 @@ def structures(
 
 
 def alternating(case: Case, fitted: LinearModel) -> dict[int, tuple[np.ndarray, ...]]:
-    """By the number of a channel of coupons, what each kind of error of its instrument adds to its rows (n_own,) beside the fitted
-    parameters, where it lasts; its mean square is one."""
+    """Weights of the channels of coupons: what each kind of error of their instrument adds beside the fitted parameters, where it lasts."""
     missing, model = case.model.missing, case.model
     out: dict[int, tuple[np.ndarray, ...]] = {}
     if missing is None or not missing.records:
@@ -119,15 +122,23 @@ def alternating(case: Case, fitted: LinearModel) -> dict[int, tuple[np.ndarray, 
                 own = slice(*np.cumsum([0, *(c.n for c in model.comparisons)])[k : k + 2])
                 whole = np.zeros(len(fitted.residual))
                 whole[own] = columns.sum(axis=1)
-                weight = fitted.projected(whole)[own]
-                size = float(np.sqrt(np.mean(weight**2)))
-                if size > 0.0:
-                    out[k] = (*out.get(k, ()), weight / size + _LEAST_WEIGHT)
+                if (weight := as_weight(fitted, whole, own)) is not None:
+                    out[k] = (*out.get(k, ()), weight)
     return out
 
 
-def _places(rows: Rows, own: np.ndarray, where: np.ndarray, by_sample: bool) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Block (n_own,) of every row, and (place, time index) of each for the differences in time."""
+def as_weight(fitted: LinearModel, added: np.ndarray, own: slice | np.ndarray) -> np.ndarray | None:
+    """Weight of the rows of a channel, `own`, by what is added (n,) to the residual beside the fitted parameters; None where that is
+    nothing."""
+    weight = fitted.projected(added)[own]
+    size = float(np.sqrt(np.mean(weight**2)))
+    return weight / size + _LEAST_WEIGHT if size > 0.0 else None
+
+
+def _places(
+    rows: Rows, own: np.ndarray, where: np.ndarray, by_sample: bool
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Block (n_own,) of every row, the same by time alone, and (place, time index) of each for the differences in time."""
     time = where[:, 0]
     stamp = np.unique(time, return_inverse=True)[1] if by_sample else rows.time[own]
     edges = np.unique(np.quantile(stamp, np.linspace(0.0, 1.0, BLOCKS[0] + 1)))
@@ -140,17 +151,17 @@ def _places(rows: Rows, own: np.ndarray, where: np.ndarray, by_sample: bool) -> 
         place = place * n + part
     place = np.unique(place, return_inverse=True)[1]
     block = np.unique(i * (place.max(initial=0) + 1) + place, return_inverse=True)[1]
-    return block, (place, np.unique(time, return_inverse=True)[1])
+    return block, np.unique(i, return_inverse=True)[1], (place, np.unique(time, return_inverse=True)[1])
 
 
-def shared_part(case: Case, own: np.ndarray, block: np.ndarray, count: np.ndarray, n: int) -> np.ndarray:
-    """What correlation of the noise over time adds to v (n_b,): 1^T C 1 / n_b - 1."""
+def shared_part(case: Case, own: np.ndarray, block: np.ndarray, count: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """What correlation of the noise over time adds to v (n_b,): w^T C w / w^T w - 1."""
     at = 0
     for comparison in case.model.comparisons:
         if at == own[0] and comparison.noise is not None and bare_name(comparison.channel) == "dtheta":
             found = np.empty(len(count))
             for b in range(len(count)):
-                one = (block == b).astype(float)
+                one = weight * (block == b)
                 found[b] = float(one @ comparison.noise(one[:, None])[:, 0]) / count[b] - 1.0
             return np.maximum(found, 0.0)
         at += comparison.n

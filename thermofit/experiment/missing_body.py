@@ -1,5 +1,6 @@
 """Missing terms of a body: heat sources and what comes through its surface by the conduction of the fitted run, displacements as the
-cameras would show them, offsets of the infrared camera, and the apparent strain of cameras that come nearer or whose scale drifts."""
+cameras would show them, offsets of the infrared camera and errors of its clock, and the apparent strain of cameras that come nearer or
+whose scale drifts."""
 
 from __future__ import annotations
 
@@ -29,8 +30,9 @@ FREE = "air"
 """How names of facet sets begin that the jaws leave free."""
 GRIPPED = "clamp"
 """How names of facet sets begin that the jaws hold."""
-OF_CAMERAS = {"theta": ("offset", "gradient"), "u": ("strain", "scale")}
-"""What a camera may add to all of its image: as much everywhere, or growing along the load; to every length, or to every displacement."""
+OF_CAMERAS = {"theta": ("offset", "gradient", "clock"), "u": ("strain", "scale")}
+"""What a camera may add to all of its image: as much everywhere, growing along the load, or what comes of another time; to every length, or
+to every displacement."""
 OF_SURFACE = ("flux", "jaws", "jaw_upper", "jaw_lower")
 """What may come through the surface, and temperatures show: through all that is free, or from jaws whose temperature changes."""
 HEATING = ("heat", *OF_SURFACE)
@@ -132,11 +134,13 @@ class BodyMissing:
 
     def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
         """Change (n_t, n_s, n_c, m) of observed fields by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
-        the jaws, mm, K, mK/mm and mm/m. The field that shows the kind comes first. A pixel of the infrared camera is given to the point
+        the jaws, mm, K, mK/mm, s and mm/m. The field that shows the kind comes first. A pixel of the infrared camera is given to the point
         that the displacement cameras say is there, and what is warmer expands."""
         if kind in HEATING:
             return self._warmed(parameters, self.history(parameters), kind, grid, chosen)
         field = _field_of(kind)
+        if kind == "clock":
+            return {field: self._late(parameters, grid, chosen)}
         if kind not in ("strain", "scale", "gradient"):
             return {field: _shown_directly(grid, self.instruments.observations[field], chosen)}
         return {field: self._magnified(parameters, kind, grid, chosen), **self._carried(parameters, kind, grid, chosen)}
@@ -208,6 +212,14 @@ class BodyMissing:
         if kind == "gradient":
             length = length[:, :, 1:] - grid.y[0]
         return seen.averaged(PER_MILLE * length[..., None] * _over_time(grid, seen, chosen)[:, None, None, :])
+
+    def _late(self, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> np.ndarray:
+        """Temperatures (n_t, n_s, 1, m) that frames add which show the specimen 1 s later than they say: to first order d theta/dt."""
+        history = self.history(parameters)
+        seen, view = self.instruments.observations["theta"], self.instruments.view("theta", history)
+        rate = np.gradient(view.field, history.time, axis=0)
+        shown = self.instruments.shown_along("theta", view, rate, parameters)
+        return seen.averaged(shown[..., None] * _over_time(grid, seen, chosen)[:, None, None, :])
 
     def _warmed(
         self,

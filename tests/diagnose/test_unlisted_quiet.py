@@ -1,0 +1,86 @@
+"""What no block of a body shows: something small and everywhere, of which held-out data ask for a term."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from refits import fitted
+from strip import SIGMA, numerical, strip_case
+
+from thermofit.diagnose import unlisted as module
+from thermofit.diagnose.held_out import Rows
+from thermofit.diagnose.trace import Traced, traced
+from thermofit.diagnose.unlisted import standing, structured, unlisted
+from thermofit.diagnose.unlisted_structure import Structure, structures
+
+AMOUNT = 0.3 * SIGMA
+
+
+def wandering(seed: int, amount: float = AMOUNT) -> Traced:
+    """A camera whose offset goes to and fro twice, by less than a third of the noise of a pixel."""
+    case = strip_case(seed, offset=lambda t: amount * np.sin(2.0 * np.pi * t / 60.0))
+    return traced(fitted(case)[0], numerical())
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_what_no_block_shows_is_told_where_held_out_data_ask_for_it(seed: int) -> None:
+    here = wandering(seed)
+    assert standing(here, numerical()) == []
+    found = unlisted(here, numerical(), [])
+    assert found is not None and found.field is not None and found.field.basis.kind == "offset"
+    first, second, third, fourth = np.interp([15.0, 45.0, 75.0, 105.0], found.field.basis.grid.time, found.field.values.ravel())
+    assert 0.25 * (first - second + third - fourth) == pytest.approx(AMOUNT, rel=0.45), "smoothed"
+
+
+@pytest.mark.parametrize("seed", [20, 21, 22])
+def test_nothing_is_asked_for_where_nothing_is_missing(seed: int) -> None:
+    assert structured(wandering(seed, 0.0), numerical()) == []
+
+
+def test_it_is_asked_for_by_held_out_data_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = wandering(4)
+    (found,) = structured(here, numerical())
+    assert found.blocks.channel == "theta" and found.stands_out
+    monkeypatch.setattr(module, "believed", lambda term: False)
+    assert structured(here, numerical()) == []
+
+
+def test_what_half_of_the_error_of_the_mesh_would_make_is_not_told() -> None:
+    assert structured(wandering(4), 5.0 * numerical()) == []
+
+
+def weighted(weight: np.ndarray, residual: np.ndarray, noise: Any = None) -> Structure:
+    """The structure of a body that is seen at two points at 40 times, by rows and by a weight, whichever stands out more."""
+    time, point = np.repeat(np.arange(40), 2), np.tile([0, 1], 40)
+    rows = np.stack([time, point, np.zeros(80, dtype=int)], axis=1)
+    comparison = SimpleNamespace(n=80, rows=rows, channel="dtheta", noise=noise)
+    case: Any = SimpleNamespace(model=SimpleNamespace(comparisons=(comparison,), segments=None, priors=()), cheap=False, channels=("dtheta",))
+    xy = np.stack([np.zeros(80), 20.0 * point], axis=1)
+    where = Rows(np.zeros(80, dtype=int), time.astype(float), xy, np.zeros(80, dtype=int))
+    (found,) = structures(cast(Any, case), where, residual, None, {0: (weight,)})
+    return found
+
+
+def test_what_is_added_counts_at_all_places_of_a_time_together() -> None:
+    """One point warmer and one colder by as much, over the noise of both: by the weight its sums are those of all rows, squared over their
+    number, in each of sixteen blocks of time."""
+    sign = np.tile([1.0, -1.0], 40)
+    residual = 3.0 * sign + np.random.default_rng(3).normal(size=80)
+    found = weighted(sign, residual)
+    assert len(found.blocks.count) == 16 and found.stands_out
+    sums = np.bincount(found.blocks.block, sign * residual)
+    assert found.excess + found.blocks.noise.sum() == pytest.approx(float(np.sum(sums**2 / found.blocks.count)))
+
+
+def test_noise_that_all_times_share_counts_by_the_weight() -> None:
+    """An error of the reference that both points have in common is none of their difference."""
+    sign, residual = np.tile([1.0, -1.0], 40), 3.0 * np.tile([1.0, -1.0], 40) + np.random.default_rng(3).normal(size=80)
+
+    def common(v: np.ndarray) -> np.ndarray:
+        return np.asarray(v + 0.5 * np.ones((80, 80)) @ v)
+
+    alone, beside = weighted(sign, residual), weighted(sign, residual, common)
+    assert beside.blocks.noise == pytest.approx(alone.blocks.noise)

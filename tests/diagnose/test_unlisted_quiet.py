@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -44,8 +45,20 @@ def test_it_is_asked_for_by_held_out_data_alone(monkeypatch: pytest.MonkeyPatch)
     here = wandering(4)
     (found,) = structured(here, numerical())
     assert found.blocks.channel == "theta" and found.stands_out
-    monkeypatch.setattr(module, "believed", lambda term: False)
+    monkeypatch.setattr(module, "believed", lambda term, sure=3.0: False)
     assert structured(here, numerical()) == []
+
+
+@pytest.mark.parametrize(("errors", "told"), [(3.9, False), (4.1, True)])
+def test_held_out_data_ask_for_it_by_four_standard_errors(monkeypatch: pytest.MonkeyPatch, errors: float, told: bool) -> None:
+    """Three are enough for a term of a channel in which blocks stand out; here one of eight kinds would have them by chance."""
+    here = wandering(4)
+    known = module.everywhere_alike(here, here, cast(Any, SimpleNamespace(blocks=SimpleNamespace(channel="theta"))), {"theta": ("offset",)})
+    assert known is not None
+    proof = replace(known.term.proof, sigma=known.term.proof.gain / errors)
+    monkeypatch.setattr(module, "everywhere_alike", lambda *_: replace(known, term=replace(known.term, proof=proof)))
+    monkeypatch.setattr(module, "broad_basis", lambda *_: None)
+    assert bool(structured(here, numerical())) is told
 
 
 def test_what_half_of_the_error_of_the_mesh_would_make_is_not_told() -> None:
@@ -57,7 +70,9 @@ def weighted(weight: np.ndarray, residual: np.ndarray, noise: Any = None) -> Str
     time, point = np.repeat(np.arange(40), 2), np.tile([0, 1], 40)
     rows = np.stack([time, point, np.zeros(80, dtype=int)], axis=1)
     comparison = SimpleNamespace(n=80, rows=rows, channel="dtheta", noise=noise)
-    case: Any = SimpleNamespace(model=SimpleNamespace(comparisons=(comparison,), segments=None, priors=()), cheap=False, channels=("dtheta",))
+    case: Any = SimpleNamespace(
+        model=SimpleNamespace(comparisons=(comparison,), segments=None, priors=()), cheap=False, channels=("dtheta",)
+    )
     xy = np.stack([np.zeros(80), 20.0 * point], axis=1)
     where = Rows(np.zeros(80, dtype=int), time.astype(float), xy, np.zeros(80, dtype=int))
     (found,) = structures(cast(Any, case), where, residual, None, {0: (weight,)})

@@ -359,13 +359,14 @@ def structured(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
 
 
 def asked_for(here: Traced, structure: Structure) -> MissingField | None:
-    """The term at the optimum that predicts held-out data of a channel best; None where they ask for none."""
+    """The term at the optimum that predicts held-out data of a channel best; None where they ask for none, by as many standard errors as
+    blocks have to stand out by: of all kinds some term predicts a little better by chance."""
     missing = here.case.model.missing
     assert missing is not None, "it has kinds"
     alike = [everywhere_alike(here, here, structure, kinds) for kinds in (missing.of_surface, missing.of_instruments)]
     broad = broad_basis(here.case, structure)
     terms = [own.term for own in alike if own is not None] + ([] if broad is None else [solved(here, broad)])
-    return max(filter(believed, terms), key=lambda term: term.proof.gain, default=None)
+    return max((t for t in terms if believed(t, STANDS_OUT)), key=lambda term: term.proof.gain, default=None)
 
 
 def best_listed(here: Traced, structure: Structure, names: Sequence[str]) -> tuple[str, float]:

@@ -23,7 +23,7 @@ OF_RECORDS = tuple(kind for kinds in OF_INSTRUMENTS.values() for kind in kinds)
 SLOTS = {
     **dict.fromkeys(JAWS, "boundary_temperature"),
     **dict.fromkeys(("strain", "scale"), "camera"),
-    **dict.fromkeys(("offset", "gradient"), "sensor"),
+    **dict.fromkeys(("offset", "gradient", "clock"), "sensor"),
     "flux": "surface_flux",
 }
 

@@ -61,6 +61,17 @@ def test_held_out_data_ask_for_it_by_four_standard_errors(monkeypatch: pytest.Mo
     assert bool(structured(here, numerical())) is told
 
 
+def test_histories_of_few_hats_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many as a coupon has. What grows along the load is none: it is told in the stead of another term alone."""
+    asked: list[Any] = []
+    monkeypatch.setattr(module, "everywhere_alike", lambda *of: asked.append(of[3:]))
+    monkeypatch.setattr(module, "broad_basis", lambda *_: None)
+    missing = SimpleNamespace(of_surface={"theta": ("flux", "jaws")}, of_instruments={"theta": ("offset", "gradient"), "u": ("strain",)})
+    here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing)))
+    assert module.asked_for(here, cast(Any, None)) is None
+    assert asked == [({"theta": ("flux", "jaws")}, 48), ({"theta": ("offset",), "u": ("strain",)}, 48)]
+
+
 def test_what_half_of_the_error_of_the_mesh_would_make_is_not_told() -> None:
     assert structured(wandering(4), 5.0 * numerical()) == []
 

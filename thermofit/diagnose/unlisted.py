@@ -293,12 +293,14 @@ def predicts_better(here: Traced, one: MissingField, other: MissingField) -> boo
     return compared(other.after, one.after, here.rows, len(here.split.held_out), here.problem.model.noise, one.residual).convinces
 
 
-def everywhere_alike(here: Traced, there: Traced, structure: Structure, kinds: Mapping[str, tuple[str, ...]]) -> Sought | None:
-    """The term of the kinds that a channel has among `kinds` which predicts held-out data best, the same everywhere; None where they ask
-    for none. It is found `there`, and proved against the optimum `here`."""
+def everywhere_alike(
+    here: Traced, there: Traced, structure: Structure, kinds: Mapping[str, tuple[str, ...]], most: int = MOST_HATS
+) -> Sought | None:
+    """The term of the kinds that a channel has among `kinds` which predicts held-out data best, the same everywhere, with no more hats than
+    `most`; None where they ask for none. It is found `there`, and proved against the optimum `here`."""
     found = []
     for kind in kinds.get(observed_field(structure.blocks.channel), ()):
-        own = over_time(there.problem.model, alike_basis(there, structure, kind), there)
+        own = over_time(there.problem.model, alike_basis(there, structure, kind, most), there)
         found.append(own if there is here else beside_optimum(here, own))
     best = max(filter(believed, found), key=lambda term: term.proof.gain, default=None)
     return None if best is None else Sought(best, there)
@@ -360,10 +362,12 @@ def structured(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
 
 def asked_for(here: Traced, structure: Structure) -> MissingField | None:
     """The term at the optimum that predicts held-out data of a channel best; None where they ask for none, by as many standard errors as
-    blocks have to stand out by: of all kinds some term predicts a little better by chance."""
+    blocks have to stand out by: of all kinds some term predicts a little better by chance. A history of few hats is enough to ask, and an
+    offset that grows along the load is told in the stead of another term alone."""
     missing = here.case.model.missing
     assert missing is not None, "it has kinds"
-    alike = [everywhere_alike(here, here, structure, kinds) for kinds in (missing.of_surface, missing.of_instruments)]
+    instruments = {seen: tuple(kind for kind in kinds if kind != "gradient") for seen, kinds in missing.of_instruments.items()}
+    alike = [everywhere_alike(here, here, structure, kinds, IN_TIME) for kinds in (missing.of_surface, instruments)]
     broad = broad_basis(here.case, structure)
     terms = [own.term for own in alike if own is not None] + ([] if broad is None else [solved(here, broad)])
     return max((t for t in terms if believed(t, STANDS_OUT)), key=lambda term: term.proof.gain, default=None)
@@ -427,11 +431,12 @@ def other_kinds(case: Case, structure: Structure, term: MissingField) -> list[st
     return [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k != term.basis.kind]
 
 
-def alike_basis(here: Traced, structure: Structure, kind: str) -> Basis:
-    """The hats over all times of a term that is the same everywhere, about the middle that it has beside the fitted parameters."""
+def alike_basis(here: Traced, structure: Structure, kind: str, most: int = MOST_HATS) -> Basis:
+    """The hats over all times of a term that is the same everywhere, no more than `most`, about the middle that it has beside the fitted
+    parameters."""
     missing = here.case.model.missing
     assert missing is not None, "it has kinds"
-    grid = missing.grid(kind, COUNTS[kind])
+    grid = missing.grid(kind, (min(COUNTS[kind][0], most), 1, 1))
     hats = partial(_every_hat, here.case, structure, kind)
     return hats(found_middle(here.problem.model, hats, grid, here.rows, here.split) if KINDS[kind].about else grid)
 

@@ -67,6 +67,8 @@ SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
 RIVALS = 0.8
 """Part of the gain of a term from which one of another kind may be the better once parameters have followed it."""
+WORTH = 0.03
+"""Least relative fall of the held-out mean square of a channel by a term of which no block shows anything."""
 LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
 
@@ -361,16 +363,19 @@ def structured(here: Traced, numerical: np.ndarray | None) -> list[Structure]:
 
 
 def asked_for(here: Traced, structure: Structure) -> MissingField | None:
-    """The term at the optimum that predicts held-out data of a channel best; None where they ask for none, by as many standard errors as
-    blocks have to stand out by: of all kinds some term predicts a little better by chance. A history of few hats is enough to ask, and an
-    offset that grows along the load is told in the stead of another term alone."""
+    """The term at the optimum that predicts held-out data of a channel best; None where they ask for none.
+
+    They have to ask by as many standard errors as blocks have to stand out by, for of all kinds some term predicts a little better by
+    chance; and it has to be worth it. A history of few hats is enough to ask. An offset that grows along the load is told in the stead of
+    another term alone.
+    """
     missing = here.case.model.missing
     assert missing is not None, "it has kinds"
     instruments = {seen: tuple(kind for kind in kinds if kind != "gradient") for seen, kinds in missing.of_instruments.items()}
     alike = [everywhere_alike(here, here, structure, kinds, IN_TIME) for kinds in (missing.of_surface, instruments)]
     broad = broad_basis(here.case, structure)
     terms = [own.term for own in alike if own is not None] + ([] if broad is None else [solved(here, broad)])
-    return max((t for t in terms if believed(t, STANDS_OUT)), key=lambda term: term.proof.gain, default=None)
+    return max((t for t in terms if believed(t, STANDS_OUT, WORTH)), key=lambda term: term.proof.gain, default=None)
 
 
 def best_listed(here: Traced, structure: Structure, names: Sequence[str]) -> tuple[str, float]:

@@ -217,9 +217,9 @@ def proved(basis: Basis, rows: Rows, held_out: tuple[np.ndarray, np.ndarray], fo
     return compared(held_out[0][own], held_out[1][own], part, folds)
 
 
-def believed(field: MissingField, sure: float = SURE) -> bool:
-    """True where held-out data ask for a field by that many standard errors."""
-    return field.proof.gain > max(sure * field.proof.sigma, PRACTICAL)
+def believed(field: MissingField, sure: float = SURE, practical: float = PRACTICAL) -> bool:
+    """True where held-out data ask for a field by that many standard errors and that relative fall of their mean square."""
+    return field.proof.gain > max(sure * field.proof.sigma, practical)
 
 
 class System:

@@ -12,6 +12,7 @@ from refits import fitted
 from strip import SIGMA, numerical, strip_case
 
 from thermofit.diagnose import unlisted as module
+from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import standing, structured, unlisted
@@ -53,8 +54,8 @@ def test_it_is_asked_for_by_held_out_data_alone(monkeypatch: pytest.MonkeyPatch)
 def test_held_out_data_ask_for_it_by_four_standard_errors_and_three_per_cent(
     monkeypatch: pytest.MonkeyPatch, errors: float, gain: float, told: bool
 ) -> None:
-    """Three, and half a per cent, are enough for a term of a channel in which blocks stand out; here one of eight kinds would have them by
-    chance, and of many rows any small error of a model would be worth a term."""
+    """Three, and half a per cent, are enough for a term of a channel in which blocks stand out. Here some kind of many has nearly four by
+    chance, and of many rows any small error of a model would be significant."""
     here = wandering(4)
     known = module.everywhere_alike(here, here, cast(Any, SimpleNamespace(blocks=SimpleNamespace(channel="theta"))), {"theta": ("offset",)})
     assert known is not None
@@ -73,6 +74,16 @@ def test_histories_of_few_hats_are_asked_for(monkeypatch: pytest.MonkeyPatch) ->
     here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing)))
     assert module.asked_for(here, cast(Any, None)) is None
     assert asked == [({"theta": ("flux", "jaws")}, 48), ({"theta": ("offset",), "u": ("strain",)}, 48)]
+
+
+def test_what_no_block_shows_is_asked_for_in_the_stead_of_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the camera may add is asked for in the channel in which accepted effects leave something that no block shows."""
+    here, asked = wandering(4), []
+    assert standing(here, numerical()) == []
+    monkeypatch.setattr(loop, "broad_basis", lambda *_: None)
+    monkeypatch.setattr(loop, "camera_bases", lambda _, structure: asked.append(structure.blocks.channel) or [])
+    closed: Any = SimpleNamespace(last=here, first=here, accepted=("ir_drift",))
+    assert loop.in_their_stead(closed, numerical()) == () and asked == ["theta"]
 
 
 def test_what_half_of_the_error_of_the_mesh_would_make_is_not_told() -> None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from thermofit.core.jit import kernel
-from thermofit.point.solve import CONVERGED, FAILED, START, Flags, Limits, advance, eliminate, work_for
+from thermofit.point.solve import CONVERGED, FAILED, N_ALL, START, Flags, Limits, advance, eliminate, work_for
 from thermofit.point.step import (
     ACROSS,
     ALONG,
@@ -44,21 +44,30 @@ LARGEST = 0.05
 
 
 @kernel
+def to_guess(here: np.ndarray, before: np.ndarray, guess: np.ndarray) -> None:
+    """Guess (4,) of a step: elastic stretches and temperature of a state (N_STATE,), and what Lambda has grown by since the one before."""
+    guess[0], guess[1], guess[2], guess[3] = here[ACROSS], here[ALONG], here[LAMBDA] - before[LAMBDA], here[THETA]
+
+
+@kernel
 def sections_at(
     step: Input,
     strain: np.ndarray,
     states: np.ndarray,
     rates: np.ndarray,
-    before: np.ndarray,
     numbers: np.ndarray,
     along: np.ndarray,
     flags: Flags,
+    guesses: np.ndarray,
     flows: np.ndarray,
     out: np.ndarray,
     rates_out: np.ndarray,
 ) -> int:
     """One step of every section to its own strain (n_s,), each on its own: new states (n_s, N_STATE) and their derivatives (n_s, N_STATE,
-    n_q), of which the last is that by the strain itself. Status."""
+    n_q), of which the last is that by the strain itself. Status.
+
+    `guesses` (n_s, 4): elastic stretches, increment of Lambda and temperature at which each begins; then those that were found.
+    """
     last = along.shape[2] - 1
     for i in range(len(strain)):
         w = work_for(numbers[i], along[i])
@@ -66,13 +75,14 @@ def sections_at(
         w.rates[:] = rates[i]
         w.rates[:, last] = 0.0
         w.rates[REST, last] = 1.0 if step.control == BY_STRAIN else 0.0
-        guess = (w.s[ACROSS], w.s[ALONG], w.s[LAMBDA] - before[i, LAMBDA], w.s[THETA])
+        guess = (guesses[i, 0], guesses[i, 1], guesses[i, 2], guesses[i, 3])
         status, flowing, _ = advance(Input(step.dt, strain[i], step.control, flows[i]), guess, flags, w)
         if status != CONVERGED:
             return status
         flows[i] = flowing
         out[i] = w.out
         rates_out[i] = w.rates_out
+        to_guess(w.out, w.s, guesses[i])
         if step.control == BY_STRAIN:
             rates_out[i, REST, last] = 0.0
             for k in (STRAIN, LATERAL_X, LATERAL_Z):
@@ -121,17 +131,24 @@ def row_step(
     out: np.ndarray,
     rates_out: np.ndarray,
 ) -> int:
-    """One step of the row to a mean strain; arrays as `sections_at`, whose derivatives are those at a common mean strain here. Status."""
+    """One step of the row to a mean strain; arrays as `sections_at`, whose derivatives are those at a common mean strain here. Status.
+
+    Iterations need the derivative by the strain alone; those by parameters are made once, where the step has converged.
+    """
     n, last = len(weight), along.shape[2] - 1
     flowed = flows.copy()
+    fixed, still, by_strain = np.zeros((n, N_ALL, 1)), np.zeros((n, N_STATE, 1)), np.zeros((n, N_STATE, 1))
+    guesses = np.zeros((n, 4))
     for attempt in range(ATTEMPTS):
         flows[:] = flowed
+        for i in range(n):
+            to_guess(states[i], before[i], guesses[i])
         strain = guessed(attempt, mean, weight, states[:, STRAIN], before[:, STRAIN])
         force = 0.0
         for iteration in range(ITERATIONS):
-            if sections_at(step, strain, states, rates, before, numbers, along, flags, flows, out, rates_out) != CONVERGED:
+            if sections_at(step, strain, states, still, numbers, fixed, flags, guesses, flows, out, by_strain) != CONVERGED:
                 break
-            stress, slope = area * out[:, STRESS], area * rates_out[:, STRESS, last]
+            stress, slope = area * out[:, STRESS], area * by_strain[:, STRESS, 0]
             if iteration == 0:
                 force = np.mean(stress)
             right = np.zeros((n + 1, 1))
@@ -139,6 +156,8 @@ def row_step(
             right[n, 0] = mean - np.sum(weight * strain)
             if np.max(np.abs(right[:n, 0])) <= TOLERANCE * np.max(np.abs(stress)) and abs(right[n, 0]) < TOLERANCE:
                 if last > 0:
+                    if sections_at(step, strain, states, rates, numbers, along, flags, guesses, flows, out, rates_out) != CONVERGED:
+                        break
                     turned = np.zeros((n + 1, last))
                     for p in range(last):
                         for i in range(n):
@@ -189,7 +208,10 @@ def run_row(
         slopes[i, THETA] = along[i, START]
         slopes[i, SENSOR] = along[i, START]
     rest = Input(1.0, 0.0, AT_REST, False)
-    if sections_at(rest, np.zeros(n_s), now, slopes, now, numbers, along, flags, flows, out, slopes_out) != CONVERGED:
+    guesses = np.zeros((n_s, 4))
+    for i in range(n_s):
+        to_guess(now[i], now[i], guesses[i])
+    if sections_at(rest, np.zeros(n_s), now, slopes, numbers, along, flags, guesses, flows, out, slopes_out) != CONVERGED:
         return 0
     now[:], slopes[:], before[:] = out, slopes_out, out
     for n in range(len(time)):

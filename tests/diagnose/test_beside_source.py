@@ -16,7 +16,7 @@ from thermofit.diagnose.beside_source import BesideSource, beside_source
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.rescored import shown_rows
 from thermofit.diagnose.trace import traced
-from thermofit.diagnose.unlisted import unlisted
+from thermofit.diagnose.unlisted import structured, unlisted
 from thermofit.diagnose.unlisted_field import Basis, field_of, moves_beside
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import Grid
@@ -48,7 +48,7 @@ def test_what_is_told_beside_an_unlisted_heat(problem: Made) -> None:
     case, fit, *_ = made = problem(**{"spot_of_this_test.power": 0.05})
     optimum = fit.minimised(case.parameters.replace(**fit.first), "plain")
     here = traced(replace(case, parameters=optimum))
-    missing = unlisted(here, None, ())
+    missing = unlisted(here, structured(here, None), ())
     assert missing is not None and beside_source(here, None) is None
     told, expected = beside_source(here, missing), found_of(made)
     assert told is not None and dict(told.value) == pytest.approx({n: expected.parameters[n] for n in THERMAL})
@@ -77,7 +77,7 @@ def test_they_are_told_no_better_than_what_is_taken_for_exact_lets_them(problem:
     case, fit, *_ = made = problem(**{"spot_of_this_test.power": 0.05})
     optimum = fit.minimised(case.parameters.replace(**fit.first), "plain")
     here = traced(replace(case, parameters=optimum))
-    missing = unlisted(here, None, ())
+    missing = unlisted(here, structured(here, None), ())
     bare = beside_source(here, missing)
     rows = np.zeros(len(here.columns.residual))
     rows[shown_rows(here)] = 0.05 * fit.model.linearised(found_of(made).parameters, ("c0",))[1][:, 0]
@@ -96,7 +96,7 @@ def test_they_are_known_no_better_than_the_form_of_what_was_added(problem: Made)
     """Exponents that are held and rates below the slowest widen these as those of the joint fit; noise and mesh are their own."""
     case, fit, *_ = problem(**{"spot_of_this_test.power": 0.05})
     here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
-    missing = unlisted(here, None, ())
+    missing = unlisted(here, structured(here, None), ())
     bare = beside_source(here, missing)
     names = ("beta", "c0")
     parts = {
@@ -114,7 +114,7 @@ def test_they_are_those_beside_one_spot_where_that_is_all(problem: Made, monkeyp
     """And where it is, is told with them; else why not is."""
     case, fit, *_ = problem(**{"spot_of_this_test.power": 0.05})
     here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
-    missing = unlisted(here, None, ())
+    missing = unlisted(here, structured(here, None), ())
     assert missing is not None and missing.field is not None
     grid = Grid(np.zeros(1), np.zeros(1, dtype=int), np.zeros(1), np.array([6.0]), spread=4.0)
     spot = replace(missing, field=replace(missing.field, basis=replace(missing.field.basis, grid=grid)))

@@ -23,7 +23,7 @@ from thermofit.diagnose.refit import HEAT_EVALUATIONS, NEGLIGIBLE, WORTH
 from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import freed_from_the_start
-from thermofit.diagnose.unlisted import unlisted
+from thermofit.diagnose.unlisted import structured, unlisted
 from thermofit.effects import catalogue
 from thermofit.effects.catalogue import effect, effects, load_effect
 from thermofit.experiment.joint import Joint, joint_settings
@@ -254,7 +254,8 @@ def test_two_that_act_at_once_begin_together(problem: Made) -> None:
 def test_an_unlisted_heat_is_sought_where_it_has_not_driven_the_parameters_off(problem: Made) -> None:
     """The parameters beside a spot of 0.05 mW/mm3 that no effect has, and when it begins."""
     case, fit, *_ = problem(**{"spot_of_this_test.power": 0.05})
-    found = unlisted(traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain"))), None, ())
+    here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
+    found = unlisted(here, structured(here, None), ())
     assert found is not None and found.field is not None and found.place is not None and not found.remark
     off = {n: abs(found.parameters[n] / TRUTH[n] - 1.0) for n in ("kappa", "c0", "beta")}
     assert max(off.values()) < 0.15, off

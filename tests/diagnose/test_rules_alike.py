@@ -88,7 +88,6 @@ def test_where_one_does_not_hold_the_next_best_is_told(monkeypatch: pytest.Monke
     def camera(_: Any, there: Any, __: Any, term: Term) -> None:
         asked.append(("camera", there is here, term.kind))
 
-    monkeypatch.setattr(module, "structured", lambda *_: [structure])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "undriven", lambda *_: (APART, ""))
     monkeypatch.setattr(module, "sought", lambda *_: (Term("heat", 1.0, 9), here))
@@ -98,7 +97,7 @@ def test_where_one_does_not_hold_the_next_best_is_told(monkeypatch: pytest.Monke
     monkeypatch.setattr(
         module, "told", lambda _, __, begin, alone: replace(alone, remark=begin.term.kind) if begin.term.kind in holds else None
     )
-    found = unlisted(here, None, ())
+    found = unlisted(here, [structure], ())
     assert asked == [("surface", True, "heat"), ("surface", False, "jaws"), ("camera", True, "flux")]
     assert (None if found is None else found.remark) == expected
 

@@ -82,13 +82,12 @@ def test_an_effect_that_takes_half_is_the_answer(monkeypatch: pytest.MonkeyPatch
         ranking=SimpleNamespace(scores=(SimpleNamespace(effect="lamp"), SimpleNamespace(effect="refused"))),
         case=SimpleNamespace(parameters=None),
     )
-    monkeypatch.setattr(module, "structured", lambda *_: [Structure(blocks(), 100.0, 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda _here, _s, names: ("refused", 0.9) if "refused" in names else ("lamp", explained))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
     monkeypatch.setattr(module, "through_surface", lambda *_: None)
     monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "")
-    found = unlisted(here, None, ["lamp"])
+    found = unlisted(here, [Structure(blocks(), 100.0, 0.1)], ["lamp"])
     assert (found is not None) is missing and (found is None or found.listed == ("refused", 0.9))
 
 
@@ -118,14 +117,13 @@ def test_a_channel_whose_term_held_out_data_do_not_ask_for(
         problem=SimpleNamespace(model=SimpleNamespace(left=left)),
     )
     term: Any = SimpleNamespace(field=SimpleNamespace(proof=GOOD if law else replace(GOOD, gain=0.0)))
-    monkeypatch.setattr(module, "structured", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: None)
     monkeypatch.setattr(module, "through_surface", lambda *_: None)
     monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "stress")
     monkeypatch.setattr(module, "state_law", lambda *_: term)
-    found = unlisted(here, None, [], base)
+    found = unlisted(here, [Structure(channel, channel.excess(left), 0.1)], [], base)
     assert (found is not None) is told and (found is None or (found.field is None and found.law is term))
 
 
@@ -149,7 +147,6 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch.setattr(module, "through_surface", lambda *_: None)
     monkeypatch.setattr(module, "of_instrument", lambda *_: None)
     monkeypatch.setattr(module, "kind_of", lambda *_: "heat")
-    monkeypatch.setattr(module, "structured", lambda *_: [Structure(channel, channel.excess(left), 0.1)])
     monkeypatch.setattr(module, "best_listed", lambda *_: ("", 0.0))
     monkeypatch.setattr(module, "term_of", lambda *_: term)
     monkeypatch.setattr(module, "settled", lambda *_: (term, None, ""))
@@ -157,7 +154,7 @@ def test_a_term_within_whose_window_are_fewer_than_five_values_is_wild_samples(
     monkeypatch.setattr(module, "volumes", lambda *_: None)
     monkeypatch.setattr(module, "hints_of", lambda *_: ())
     monkeypatch.setattr(module, "place_of", lambda *_: SimpleNamespace(when=(4.0, 4.0 + 2.0 * (rows - 1))))
-    found = unlisted(here, None, [])
+    found = unlisted(here, [Structure(channel, channel.excess(left), 0.1)], [])
     assert (found is not None) is there and (found is None or (found.field is term) == (rows == 5))
 
 
@@ -327,7 +324,6 @@ def stead(
         gain, sigma = gains.get(after[0], (0.0, 0.01))
         return replace(GOOD, gain=gain, sigma=sigma)
 
-    monkeypatch.setattr(loop, "structured", lambda *_: [structure_of(excess, left)])
     monkeypatch.setattr(loop, "broad_basis", lambda *_: Hat())
     monkeypatch.setattr(loop, "camera_bases", lambda *_: [Hat()] if camera else [])
     monkeypatch.setattr(loop, "without_effects", lambda _here, names: " ".join(names))
@@ -336,7 +332,7 @@ def stead(
     monkeypatch.setattr(loop, "held_out_of", lambda *_: np.array(["now"]))
     monkeypatch.setattr(loop, "field_of", field)
     monkeypatch.setattr(loop, "compared", compare)
-    return in_their_stead(closed_of(cheap=cheap, accepted=accepted), None, by_cameras_alone)
+    return in_their_stead(closed_of(cheap=cheap, accepted=accepted), [structure_of(excess, left)], by_cameras_alone)
 
 
 def test_a_field_in_the_stead_of_effects_has_to_gain_surely_and_most(monkeypatch: pytest.MonkeyPatch) -> None:

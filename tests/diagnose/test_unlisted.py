@@ -22,7 +22,7 @@ from thermofit.diagnose.beside_source import Spot, beside_source
 from thermofit.diagnose.case import RefinedProblem
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import Unlisted, best_listed, unlisted, volumes
+from thermofit.diagnose.unlisted import Unlisted, best_listed, structured, unlisted, volumes
 from thermofit.diagnose.unlisted_effect import heat_file
 from thermofit.diagnose.unlisted_hints import hints
 from thermofit.diagnose.unlisted_loop import ended
@@ -39,7 +39,7 @@ PATCH = (8.0, 7.5)
 
 def diagnosed(seed: int, source: Source | None = None, **planted: float) -> tuple[Traced, Unlisted | None]:
     here = traced(fitted(strip_case(seed, source, **planted))[0], numerical())
-    return here, unlisted(here, numerical(), [s.effect for s in here.promising()])
+    return here, unlisted(here, structured(here, numerical()), [s.effect for s in here.promising()])
 
 
 def looped(seed: int, source: Source | None = None, **planted: float) -> tuple[Closed, Unlisted | None]:
@@ -74,7 +74,7 @@ def even(power: float, when: tuple[float, float]) -> Source:
 def test_a_heat_through_the_free_surface_is_told_as_such(tmp_path: Path, power: float, when: tuple[float, float]) -> None:
     """As it is switched on and off; conductivity and dissipation beside it are what they are without it, and its file says the same."""
     here = traced(fitted(strip_case(3, even(power, when)))[0], numerical())
-    found = unlisted(here, numerical(), [])
+    found = unlisted(here, structured(here, numerical()), [])
     assert found is not None and found.field is not None and found.place is not None
     assert found.field.basis.kind == "flux"
     large = [(t, a) for t, a in found.field.steps if abs(a) > 0.2 * abs(power)]  # the error of the mesh may make one more
@@ -120,7 +120,7 @@ def test_errors_of_the_mesh_are_told_anew_beside_what_is_the_same_everywhere() -
     """With what the term adds to the temperatures, at the parameters beside it, which follow. A run that fails leaves them as they were,
     in words."""
     here = traced(fitted(strip_case(3, even(0.036, (24.0, 62.0))))[0], numerical())
-    before = unlisted(here, numerical(), [])
+    before = unlisted(here, structured(here, numerical()), [])
     assert before is not None and before.field is not None
     asked: list[Any] = []
 
@@ -129,7 +129,7 @@ def test_errors_of_the_mesh_are_told_anew_beside_what_is_the_same_everywhere() -
         model = other_data(here.case, parameters, 0.05)
         return RefinedProblem(model, None, cast(Any, None), cast(Any, None), np.zeros(1), doubts={"mesh": np.zeros(len(here.rows.time))})
 
-    found = unlisted(replace(here, case=replace(here.case, refined_at=refined)), numerical(), [])
+    found = unlisted(replace(here, case=replace(here.case, refined_at=refined)), structured(here, numerical()), [])
     assert found is not None and found.case is not None and set(found.case.doubts) == {"mesh"}
     ((there, beside),) = asked
     assert there["kappa"] == before.parameters["kappa"] and beside.kind == "flux"
@@ -143,7 +143,7 @@ def test_errors_of_the_mesh_are_told_anew_beside_what_is_the_same_everywhere() -
     def fails(*_: Any) -> Any:
         raise NumericsError("no run there")
 
-    kept = unlisted(replace(here, case=replace(here.case, refined_at=fails)), numerical(), [])
+    kept = unlisted(replace(here, case=replace(here.case, refined_at=fails)), structured(here, numerical()), [])
     assert kept is not None and kept.parameters == before.parameters
     assert "those at the optimum without the term" in kept.remark and "no run there" in kept.remark
 
@@ -189,7 +189,7 @@ def test_a_camera_that_wanders_is_no_heat_source(tmp_path: Path, offset: Any, st
     """The offset over time is told as what it is. Conductivity and dissipation beside it are what they were, where a plain fit is 7 % off
     unless the camera sways about nothing (`steady`)."""
     here = traced(fitted(strip_case(3, offset=offset))[0], numerical())
-    found = unlisted(here, numerical(), [])
+    found = unlisted(here, structured(here, numerical()), [])
     assert found is not None and found.field is not None and found.place is not None and found.field.basis.kind == "offset"
     history = found.field.values[:, 0, 0, 0]
     assert len(history) >= len(here.case.model.observations["theta"].time), "a camera jumps from one frame to the next"
@@ -243,7 +243,8 @@ def test_without_the_term_of_the_catalogue_it_would_be_unlisted() -> None:
     """The criterion bites: the same data, with a catalogue that does not know the effect."""
     case = strip_case(1, **{"ir_drift.rate": 2e-3})
     blind = replace(case, known=tuple(e for e in case.known if e.name != "ir_drift"))
-    assert unlisted(traced(fitted(blind)[0]), None, ()) is not None
+    here = traced(fitted(blind)[0])
+    assert unlisted(here, structured(here, None), ()) is not None
 
 
 def test_what_only_resembles_is_taken_back_and_what_is_there_beside_stays() -> None:

@@ -8,14 +8,15 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from refits import fitted
+from refits import fitted, refitting
 from strip import SIGMA, numerical, strip_case
 
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Rows
+from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import standing, structured, unlisted
+from thermofit.diagnose.unlisted import standing, structured
 from thermofit.diagnose.unlisted_structure import Structure, structures
 
 AMOUNT = 0.3 * SIGMA
@@ -23,15 +24,21 @@ AMOUNT = 0.3 * SIGMA
 
 def wandering(seed: int, amount: float = AMOUNT) -> Traced:
     """A camera whose offset goes to and fro twice, by less than a third of the noise of a pixel."""
-    case = strip_case(seed, offset=lambda t: amount * np.sin(2.0 * np.pi * t / 60.0))
-    return traced(fitted(case)[0], numerical())
+    return looped(seed, amount).last
+
+
+def looped(seed: int, amount: float = AMOUNT) -> Closed:
+    """The end of a loop that has accepted nothing on it."""
+    case, fit = fitted(strip_case(seed, offset=lambda t: amount * np.sin(2.0 * np.pi * t / 60.0)))
+    here = traced(case, numerical())
+    return Closed((), here, here, fit, (), (), refitting(case.model), numerical())
 
 
 @pytest.mark.parametrize("seed", [4, 5])
 def test_what_no_block_shows_is_told_where_held_out_data_ask_for_it(seed: int) -> None:
-    here = wandering(seed)
-    assert standing(here, numerical()) == []
-    found = unlisted(here, numerical(), [])
+    closed = looped(seed)
+    assert standing(closed.last, numerical()) == []
+    _, found = loop.ended(closed, closed.refit, numerical(), "auto")
     assert found is not None and found.field is not None and found.field.basis.kind == "offset"
     first, second, third, fourth = np.interp([15.0, 45.0, 75.0, 105.0], found.field.basis.grid.time, found.field.values.ravel())
     assert 0.25 * (first - second + third - fourth) == pytest.approx(AMOUNT, rel=0.45), "smoothed"
@@ -83,7 +90,7 @@ def test_what_no_block_shows_is_asked_for_in_the_stead_of_effects(monkeypatch: p
     monkeypatch.setattr(loop, "broad_basis", lambda *_: None)
     monkeypatch.setattr(loop, "camera_bases", lambda _, structure: asked.append(structure.blocks.channel) or [])
     closed: Any = SimpleNamespace(last=here, first=here, accepted=("ir_drift",))
-    assert loop.in_their_stead(closed, numerical()) == () and asked == ["theta"]
+    assert loop.in_their_stead(closed, structured(closed.last, numerical())) == () and asked == ["theta"]
 
 
 def test_what_half_of_the_error_of_the_mesh_would_make_is_not_told() -> None:

@@ -17,7 +17,7 @@ from thermofit.diagnose import unlisted_loop
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import close_loop
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import Unlisted, other_kinds, unlisted
+from thermofit.diagnose.unlisted import Unlisted, other_kinds, structured, unlisted
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.effects.catalogue import load_effect
 from thermofit.report.unlisted import effect_file, summary_of
@@ -27,7 +27,7 @@ def found_in(case: Case) -> tuple[Traced, Unlisted | None]:
     parameters, fit = refitting(case.model)(case.parameters, "joint")
     assert fit.converged
     here = traced(replace(case, parameters=parameters))
-    return here, unlisted(here, None, [s.effect for s in here.promising()])
+    return here, unlisted(here, structured(here, None), [s.effect for s in here.promising()])
 
 
 def amount_of_file(folder: Path, here: Traced, found: Unlisted, again: Callable[[], Case]) -> tuple[float, Case, Parameters]:

@@ -12,7 +12,7 @@ from thermofit.diagnose import unlisted_loop
 from thermofit.diagnose.loop import Closed, Round
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import Trial
-from thermofit.diagnose.unlisted import HALF, Unlisted
+from thermofit.diagnose.unlisted import HALF, Unlisted, structured
 from thermofit.diagnose.unlisted_loop import ended, in_their_stead
 
 AMPLITUDES = {"ir_drift": "ir_drift.rate", "ir_emissivity": "ir_emissivity.slope", "stored_energy": "stored_energy.slope"}
@@ -34,7 +34,9 @@ def with_accepted(seed: int, names: tuple[str, ...], spotted: bool, **planted: f
 def test_what_together_resembles_a_source_is_taken_back_together(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where what they leave no longer asks for a field of its own."""
     closed = with_accepted(2, tuple(AMPLITUDES), spotted=True)
-    assert len(in_their_stead(closed, numerical())) >= 2, "in the stead of one alone the others would still be in the way"
+    assert len(in_their_stead(closed, structured(closed.last, numerical()))) >= 2, (
+        "in the stead of one alone the others would still be in the way"
+    )
     asked = []
 
     def silent_at_first(here: Traced, *rest: object) -> Unlisted | None:
@@ -52,14 +54,14 @@ def test_what_together_resembles_a_source_is_taken_back_together(monkeypatch: py
 def test_what_is_the_cause_is_not_taken_back() -> None:
     """A drift of the camera that was planted leaves nothing, and a field in its stead is no better."""
     closed = with_accepted(1, ("ir_drift",), spotted=False, **{"ir_drift.rate": 2e-3})
-    assert in_their_stead(closed, numerical()) == ()
+    assert in_their_stead(closed, structured(closed.last, numerical())) == ()
     end, found = ended(closed, closed.refit, numerical(), "auto")
     assert end.accepted == ("ir_drift",) and found is None
 
 
 def test_a_cause_beside_a_source_stays_and_what_resembles_goes() -> None:
     closed = with_accepted(8, ("ir_drift", "ir_emissivity"), spotted=True, **{"ir_drift.rate": 4e-3})
-    assert in_their_stead(closed, numerical()) in ((), ("ir_emissivity",))
+    assert in_their_stead(closed, structured(closed.last, numerical())) in ((), ("ir_emissivity",))
     end, found = ended(closed, closed.refit, numerical(), "auto")
     assert end.accepted == ("ir_drift",) and found is not None and found.resembles == ("ir_emissivity",)
 
@@ -69,8 +71,8 @@ def test_what_was_refused_or_is_not_worth_a_refit_explains_nothing() -> None:
     linear step takes: the term would be told as unlisted, with the drift as the listed effect that comes closest."""
     case, _ = fitted(strip_case(1, **{"ir_drift.rate": 2e-3}))
     here = traced(case, numerical())
-    assert unlisted_loop.unlisted(here, numerical(), ["ir_drift"]) is None
-    found = unlisted_loop.unlisted(here, numerical(), [])
+    assert unlisted_loop.unlisted(here, structured(here, numerical()), ["ir_drift"]) is None
+    found = unlisted_loop.unlisted(here, structured(here, numerical()), [])
     assert found is not None and found.listed[0] == "ir_drift" and found.listed[1] > HALF
 
 
@@ -78,4 +80,4 @@ def test_on_coupons_no_field_stands_in_the_stead_of_effects() -> None:
     """A stress over the time of a record follows all that is smooth."""
     closed = with_accepted(2, tuple(AMPLITUDES), spotted=True)
     coupon = replace(closed.last, case=replace(closed.last.case, cheap=True))
-    assert in_their_stead(replace(closed, last=coupon), numerical()) == ()
+    assert in_their_stead(replace(closed, last=coupon), structured(closed.last, numerical())) == ()

@@ -16,7 +16,7 @@ from thermofit.diagnose import unlisted as module
 from thermofit.diagnose.beside_source import Spot, spot_of
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import LEAVES, UNSETTLED, Unlisted, as_spot, at_parameters, unlisted
+from thermofit.diagnose.unlisted import LEAVES, UNSETTLED, Unlisted, as_spot, at_parameters, structured, unlisted
 from thermofit.diagnose.unlisted_field import Basis, best_beside, field_of, roughness, with_parameters
 from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.experiment.missing import Grid, hats
@@ -186,7 +186,7 @@ def told(*sources: Source) -> tuple[Traced, Unlisted]:
     case = fitted(strip_case(3, lambda x, y, t: sum((s(x, y, t) for s in sources), 0.0 * x), lab=MODEL))[0]
     sharp: Any = SimpleNamespace(model=case.model, doubts={})
     here = traced(replace(case, refined_at=lambda parameters, beside=None: sharp))
-    found = unlisted(here, None, [])
+    found = unlisted(here, structured(here, None), [])
     assert found is not None and found.field is not None and found.field.basis.grid.places > 1
     return here, found
 

@@ -16,9 +16,11 @@ from record_studies import call
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose.unlisted import structured
 from thermofit.experiment import coupon_records as coupon_inputs
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.records.artefact import open_record
+from thermofit.stages import diagnose as stage
 from thermofit.study.stages import ElasticStage, PlasticStage, coupon_stage
 from thermofit.study.study import load_study
 
@@ -231,15 +233,17 @@ def test_a_strain_across_the_load_tells_contraction_and_anisotropy(across: Path)
     assert any("lateral strain is counted from where its elastic line meets zero stress: moved by -3.00e-04" in text for text in remarks)
 
 
-def test_a_lateral_strain_is_diagnosed_with_the_others(across: Path) -> None:
+def test_a_lateral_strain_is_diagnosed_with_the_others(across: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The joint fit compares both channels and holds E, nu and F; nothing is missing, and nothing is found."""
+    asked: list[Any] = []
+    monkeypatch.setattr(stage, "structured", lambda *given: asked.append(given) or structured(*given))
     found_by(across, "--until", "identify-plastic")
     result = call("diagnose", across, "--json")
     assert result.exit_code in (0, 5), result.output
     found = json.loads(result.stdout)
     assert {row["channel"] for row in found["lack_of_fit"]} == {"stress", "lateral"}
     assert not any(row["accepted"] for row in found["ranking"]), found["verdict"]
-    assert found["unlisted"] is None
+    assert found["unlisted"] is None and len(asked) == 1, "also of what no block shows"
     assert {"rate_power", "rate_logarithmic", "rate_by_temperature", "softening_power"} <= set(found["not_asked"])
     assert any("not asked for rate_power, rate_logarithmic: as measured, the records flow at one rate" in r for r in found["remarks"])
 

@@ -108,16 +108,17 @@ class Unlisted:
     """Whether the parameters beside a field that is the same everywhere have settled: else they are not known."""
 
 
-def unlisted(here: Traced, numerical: np.ndarray | None, explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
+def unlisted(here: Traced, hold: Sequence[Structure], explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
     """The unlisted effect that a traced case holds; None where nothing stands out, or an effect that `explains` takes half of it.
 
-    `explains`: effects that are still worth a refit. One that was tried and refused, or is not worth it, explains nothing, however much of
-    the excess its linear step would take: it would take it with an amplitude, a reading or a held-out error that cannot be. `base`: the
-    residual (n,) before any effect was accepted, where one was; without a term, less than ALONE of its excess is none.
+    `hold`: its channels that hold structure (`structured`). `explains`: effects that are still worth a refit. One that was tried and
+    refused, or is not worth it, explains nothing, however much of the excess its linear step would take: it would take it with an
+    amplitude, a reading or a held-out error that cannot be. `base`: the residual (n,) before any effect was accepted, where one was;
+    without a term, less than ALONE of its excess is none.
     """
     every = [s.effect for s in here.ranking.scores]
     found = []
-    for structure in structured(here, numerical):
+    for structure in hold:
         if best_listed(here, structure, explains)[1] >= HALF:
             continue
         apart, failed = undriven(here, structure)

@@ -17,6 +17,7 @@ from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
 from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, structured, unlisted
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, MissingField, field_of
+from thermofit.diagnose.unlisted_structure import Structure
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.missing_body import OF_CAMERAS
 from thermofit.experiment.priors import contradicted
@@ -30,7 +31,8 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     no field, a field in their stead is asked for, and what the infrared camera adds in any case. A refit that fails or does not converge
     leaves them where they are.
     """
-    found = unlisted(closed.last, numerical, closed.open_ones, _base(closed))
+    hold = structured(closed.last, numerical)
+    found = unlisted(closed.last, hold, closed.open_ones, _base(closed))
     resembles: list[str] = []
     while closed.accepted:
         names: tuple[str, ...] = ()
@@ -38,7 +40,7 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         if found is not None and field is not None:
             names = next(((n,) for n in closed.accepted if n not in resembles and resembled_by(closed, (n,), found, field)), ())
         if not names and not resembles:
-            names = in_their_stead(closed, numerical, by_cameras_alone=field is not None)
+            names = in_their_stead(closed, hold, by_cameras_alone=field is not None)
         if not names:
             break
         resembles += names
@@ -47,7 +49,8 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
             closed = replace(closed, remarks=(*closed.remarks, taken))
             break
         closed = whole(against_base(taken, how).as_base(), how)
-        found = unlisted(closed.last, numerical, (), _base(closed))
+        hold = structured(closed.last, numerical)
+        found = unlisted(closed.last, hold, (), _base(closed))
     if found is None:
         return closed, None
     said = (*closed.remarks, *([found.remark] if found.remark else []))
@@ -82,19 +85,19 @@ def says_more(names: Sequence[str], kind: str) -> bool:
     return kind in ("displacement", *OF_CAMERAS["u"]) and any(effect(n).last for n in names)
 
 
-def in_their_stead(closed: Closed, numerical: np.ndarray | None, by_cameras_alone: bool = False) -> tuple[str, ...]:
+def in_their_stead(closed: Closed, hold: Sequence[Structure], by_cameras_alone: bool = False) -> tuple[str, ...]:
     """Accepted effects in whose stead a field of a missing term predicts held-out data better by three standard errors, and that they do
     not need beside it; none where what they leave is no more than noise, or less than a tenth of the excess, and none on coupons: a stress
     over the time of each record follows whatever is smooth, and no law predicts the next block as well.
 
     What the infrared camera adds is asked for however little they leave: jaws that drift apart take nearly all of an
     offset that grows along the load. Where it leaves no structure in their stead they are not needed, but where other channels need them.
-    `by_cameras_alone`: nothing else is asked for."""
+    `hold`: the channels that hold structure (`structured`); `by_cameras_alone`: nothing else is asked for."""
     here = closed.last
     if here.case.cheap:
         return ()
     best: tuple[float, tuple[str, ...]] = (0.0, ())
-    for structure in structured(here, numerical):
+    for structure in hold:
         little = structure.excess <= BEHIND * structure.blocks.excess(closed.first.columns.residual)
         broad = None if little or by_cameras_alone else broad_basis(here.case, structure)
         for hat in (*([] if broad is None else [broad]), *camera_bases(here, structure)):

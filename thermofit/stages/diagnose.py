@@ -9,7 +9,7 @@ from thermofit.diagnose.known_fit import KnownFit, known_fit_datasets
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
 from thermofit.diagnose.rescored import rescored
 from thermofit.diagnose.trace import traced
-from thermofit.diagnose.unlisted import unlisted
+from thermofit.diagnose.unlisted import structured, unlisted
 from thermofit.identify.solve import discard_checkpoints
 from thermofit.records.staging import Made, Outcome, produce
 from thermofit.report.balances import local_findings
@@ -33,7 +33,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         found = prepared(study, task, stages)
         failures = tuple(found.refit.failures)
         here = rescored(traced(found.case, found.numerical, study.diagnosis.held_out, fit=found.fit))
-        missing = unlisted(here, found.numerical, [s.effect for s in here.promising()])
+        missing = unlisted(here, structured(here, found.numerical), [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
         local = local_findings(study, here, found.refit.parts, found.numerical)
         beside = beside_source(here, missing)

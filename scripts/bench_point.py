@@ -11,6 +11,7 @@ from thermofit.body.solve.march import Loading, MarchSettings, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.law.hardening.catalogue import hardening_laws
 from thermofit.point.driver import PointSettings, Programme, simulate, simulate_rates
+from thermofit.point.row_driver import RowProgramme, simulate_row
 
 SAMPLES = 20_000
 NAMES = ("E", "M_y0", "M_yinf", "H_exp", "alpha_exp", "beta", "tau", "lag")
@@ -27,6 +28,9 @@ def measure(options: Options, limits: Limits) -> Part:
     per_step = 1e6 * plain / cost["steps"]
     laws = {law.name: cpu(lambda law=law: simulate(LOSSY, record, PointSettings(law.name)), options.repeat) for law in hardening_laws()}
     worst = deviations()
+    strip, hottest = uneven()
+    alone = cpu(lambda: simulate_row(LOSSY, (), strip, hottest), options.repeat)
+    derived = cpu(lambda: simulate_row(LOSSY, NAMES, strip, hottest), options.repeat)
     rows = (
         Row(f"{SAMPLES} samples, cycles", plain, f"{per_step:.1f} us per step, {cost['newton_iterations'] / cost['steps']:.1f} iterations"),
         Row(f"the same with {len(NAMES)} exact sensitivities", exact, f"{exact / plain:.1f} times the plain run"),
@@ -35,6 +39,8 @@ def measure(options: Options, limits: Limits) -> Part:
             for name, own in laws.items()
             if name != "model2"
         ),
+        Row(f"row of {len(strip.place)} sections, {len(strip.time) - 1} steps", alone, "cross-sections 2 % apart"),
+        Row(f"the same with {len(NAMES)} exact sensitivities", derived, f"{derived / alone:.1f} times the plain run"),
         *(Row(f"deviation from the body: {name}", None, f"{value:.1e} of its largest value") for name, value in worst.items()),
     )
     largest = max(worst.values())
@@ -51,6 +57,13 @@ def cyclic(samples: int) -> Programme:
     """Strain cycles of growing amplitude, up to 3 %, in 1000 s."""
     time = np.linspace(0.0, 1000.0, samples)
     return Programme.by_strain(time, 3e-5 * time * np.sin(time / 40.0))
+
+
+def uneven() -> tuple[RowProgramme, float]:
+    """A strip that is narrowest in the middle, pulled to 10 % in 100 s, and its temperature in K."""
+    place = np.linspace(-6.0, 6.0, 7)
+    time = np.linspace(0.0, 100.0, 97)
+    return RowProgramme(time, 1e-3 * time, np.full(7, 1.0 / 7.0), place, 1.0 + 0.02 * (place / 6.0) ** 2), LOSSY["theta_air"]
 
 
 def deviations() -> dict[str, float]:

@@ -37,7 +37,7 @@ def test_what_together_resembles_a_source_is_taken_back_together(monkeypatch: py
     assert len(in_their_stead(closed, structured(closed.last, numerical()))) >= 2, (
         "in the stead of one alone the others would still be in the way"
     )
-    asked = []
+    asked, seen = [], counting(monkeypatch)
 
     def silent_at_first(here: Traced, *rest: object) -> Unlisted | None:
         asked.append(rest)
@@ -47,16 +47,25 @@ def test_what_together_resembles_a_source_is_taken_back_together(monkeypatch: py
     monkeypatch.setattr(unlisted_loop, "unlisted", silent_at_first)
     end, found = ended(closed, closed.refit, numerical(), "auto")
     assert found is not None and found.place is not None and not end.accepted
+    assert len({id(here) for here in seen}) == len(seen) > 1 and seen[-1] is end.last, "each state is asked once"
     assert set(found.resembles) == set(AMPLITUDES) and set(end.dropped) == set(AMPLITUDES)
     assert found.place.size == pytest.approx(30.0, rel=0.15)
 
 
-def test_what_is_the_cause_is_not_taken_back() -> None:
-    """A drift of the camera that was planted leaves nothing, and a field in its stead is no better."""
+def counting(monkeypatch: pytest.MonkeyPatch) -> list[Traced]:
+    """The states of which the end of a loop asks what channels hold structure."""
+    asked: list[Traced] = []
+    monkeypatch.setattr(unlisted_loop, "structured", lambda here, error: asked.append(here) or structured(here, error))
+    return asked
+
+
+def test_what_is_the_cause_is_not_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drift of the camera that was planted leaves nothing, and a field in its stead is no better. What channels hold is asked once."""
+    asked = counting(monkeypatch)
     closed = with_accepted(1, ("ir_drift",), spotted=False, **{"ir_drift.rate": 2e-3})
     assert in_their_stead(closed, structured(closed.last, numerical())) == ()
     end, found = ended(closed, closed.refit, numerical(), "auto")
-    assert end.accepted == ("ir_drift",) and found is None
+    assert end.accepted == ("ir_drift",) and found is None and len(asked) == 1 and asked[0] is closed.last
 
 
 def test_a_cause_beside_a_source_stays_and_what_resembles_goes() -> None:

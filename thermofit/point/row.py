@@ -44,30 +44,21 @@ LARGEST = 0.05
 
 
 @kernel
-def to_guess(here: np.ndarray, before: np.ndarray, guess: np.ndarray) -> None:
-    """Guess (4,) of a step: elastic stretches and temperature of a state (N_STATE,), and what Lambda has grown by since the one before."""
-    guess[0], guess[1], guess[2], guess[3] = here[ACROSS], here[ALONG], here[LAMBDA] - before[LAMBDA], here[THETA]
-
-
-@kernel
 def sections_at(
     step: Input,
     strain: np.ndarray,
     states: np.ndarray,
     rates: np.ndarray,
+    before: np.ndarray,
     numbers: np.ndarray,
     along: np.ndarray,
     flags: Flags,
-    guesses: np.ndarray,
     flows: np.ndarray,
     out: np.ndarray,
     rates_out: np.ndarray,
 ) -> int:
     """One step of every section to its own strain (n_s,), each on its own: new states (n_s, N_STATE) and their derivatives (n_s, N_STATE,
-    n_q), of which the last is that by the strain itself. Status.
-
-    `guesses` (n_s, 4): elastic stretches, increment of Lambda and temperature at which each begins; then those that were found.
-    """
+    n_q), of which the last is that by the strain itself. Status."""
     last = along.shape[2] - 1
     for i in range(len(strain)):
         w = work_for(numbers[i], along[i])
@@ -75,14 +66,13 @@ def sections_at(
         w.rates[:] = rates[i]
         w.rates[:, last] = 0.0
         w.rates[REST, last] = 1.0 if step.control == BY_STRAIN else 0.0
-        guess = (guesses[i, 0], guesses[i, 1], guesses[i, 2], guesses[i, 3])
+        guess = (w.s[ACROSS], w.s[ALONG], w.s[LAMBDA] - before[i, LAMBDA], w.s[THETA])
         status, flowing, _ = advance(Input(step.dt, strain[i], step.control, flows[i]), guess, flags, w)
         if status != CONVERGED:
             return status
         flows[i] = flowing
         out[i] = w.out
         rates_out[i] = w.rates_out
-        to_guess(w.out, w.s, guesses[i])
         if step.control == BY_STRAIN:
             rates_out[i, REST, last] = 0.0
             for k in (STRAIN, LATERAL_X, LATERAL_Z):
@@ -136,17 +126,14 @@ def row_step(
     Iterations need the derivative by the strain alone; those by parameters are made once, where the step has converged.
     """
     n, last = len(weight), along.shape[2] - 1
-    flowed = flows.copy()
     fixed, still, by_strain = np.zeros((n, N_ALL, 1)), np.zeros((n, N_STATE, 1)), np.zeros((n, N_STATE, 1))
-    guesses = np.zeros((n, 4))
+    flowed = flows.copy()
     for attempt in range(ATTEMPTS):
         flows[:] = flowed
-        for i in range(n):
-            to_guess(states[i], before[i], guesses[i])
         strain = guessed(attempt, mean, weight, states[:, STRAIN], before[:, STRAIN])
         force = 0.0
         for iteration in range(ITERATIONS):
-            if sections_at(step, strain, states, still, numbers, fixed, flags, guesses, flows, out, by_strain) != CONVERGED:
+            if sections_at(step, strain, states, still, before, numbers, fixed, flags, flows, out, by_strain) != CONVERGED:
                 break
             stress, slope = area * out[:, STRESS], area * by_strain[:, STRESS, 0]
             if iteration == 0:
@@ -156,7 +143,7 @@ def row_step(
             right[n, 0] = mean - np.sum(weight * strain)
             if np.max(np.abs(right[:n, 0])) <= TOLERANCE * np.max(np.abs(stress)) and abs(right[n, 0]) < TOLERANCE:
                 if last > 0:
-                    if sections_at(step, strain, states, rates, numbers, along, flags, guesses, flows, out, rates_out) != CONVERGED:
+                    if sections_at(step, strain, states, rates, before, numbers, along, flags, flows, out, rates_out) != CONVERGED:
                         break
                     turned = np.zeros((n + 1, last))
                     for p in range(last):
@@ -208,10 +195,7 @@ def run_row(
         slopes[i, THETA] = along[i, START]
         slopes[i, SENSOR] = along[i, START]
     rest = Input(1.0, 0.0, AT_REST, False)
-    guesses = np.zeros((n_s, 4))
-    for i in range(n_s):
-        to_guess(now[i], now[i], guesses[i])
-    if sections_at(rest, np.zeros(n_s), now, slopes, numbers, along, flags, guesses, flows, out, slopes_out) != CONVERGED:
+    if sections_at(rest, np.zeros(n_s), now, slopes, now, numbers, along, flags, flows, out, slopes_out) != CONVERGED:
         return 0
     now[:], slopes[:], before[:] = out, slopes_out, out
     for n in range(len(time)):

@@ -248,6 +248,14 @@ def test_mesh_of_the_command_line(scripts: Any) -> None:
         bench.mesh_of("12x80")
 
 
+def test_diagnosis_section_scores_the_catalogue(scripts: Any, measure: ModuleType, tmp_path: Path) -> None:
+    """The section runs as it is called; a score costs more than the forward run that it explains."""
+    options = measure.Options(mesh=(2, 12, 1), repeat=1, threads=1, quick=True, scratch=tmp_path)
+    part = scripts("bench_diagnosis").measure(options, measure.Limits(0.03, 60.0, 40.0))
+    forward, _, whole = (row.seconds for row in part.rows)
+    assert 0.0 < forward < whole and "dormant effects" in part.rows[-1].name and part.targets[0].met is not None
+
+
 @pytest.mark.slow
 def test_point_section_agrees_with_the_body(scripts: Any) -> None:
     """The deviation that the benchmark prints is that of the same bar: below the promised 1e-6, and no exact zero."""

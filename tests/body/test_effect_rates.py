@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from small_bodies import NOMINAL, SPECIMEN
 
 from thermofit.body.body import Body, tension_body
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
+from thermofit.body.heat.structure import felt_by_heat, structure_slopes
 from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
@@ -19,10 +21,13 @@ from thermofit.core.parameters import param
 from thermofit.core.slots import Slots
 from thermofit.law.composition import STRUCTURAL, law_effects
 from thermofit.law.hardening.catalogue import Hardening, hardening_laws
+from thermofit.law.page import law_of
+from thermofit.law.page_rates import directions, moved_law
 
 BASE = NOMINAL.replace(H_lin=20.0, theta_ref=295.2)
 PROBES = {p.name: 0.3 * p.probe if p.probe is not None else p.neutral for e in law_effects() for p in e.params}
 AMPLITUDES = tuple(p.name for e in law_effects() for p in e.amplitudes)
+STRUCTURAL_AMPLITUDES = tuple(name for name in AMPLITUDES if name in STRUCTURAL)
 EFFECT_PARAMS = tuple(name for e in law_effects() for name in e.names)
 FORCE = Loading(np.array([0.0, 1.0, 25.0, 35.0, 37.0, 60.0]), np.array([0.0, 0.0, 5200.0, 5200.0, 0.0, 0.0]))
 TIMES = np.array([0.0, 1.0, 5.0, 9.0, 13.0, 17.0, 21.0, 25.0, 30.0, 35.0, 36.0, 37.0, 45.0, 60.0])
@@ -195,16 +200,41 @@ def test_a_dormant_effect_is_exactly_off_and_its_influence_is_known(name: str) -
         assert np.abs(rates[field][..., 0] - expected).max() < 3e-3 * size + noise, field
 
 
+SOURCES = ("stored_energy.slope", "rate_power.K", "thermal_softening.slope")
+
+
 def test_one_way_heat_run_with_effects_and_their_derivatives() -> None:
     settings = MarchSettings(newton=SETTINGS.newton, coupling_tolerance=1e-8, keep_points=True)
     parameters = BASE.replace(**PROBES)
     history = march(body(), parameters, FORCE, TIMES, settings)
     problem = heat_problem(body(), history, settings)
-    names, collected = ("stored_energy.slope", "rate_power.K", "thermal_softening.slope"), []
+    names, collected = (*SOURCES, "backstress_first.C", "elastic_degradation.amount", "F", "E"), []
     assert np.abs(heat_run(problem, parameters) - history.theta).max() < 0.01
     heat_run_rates(problem, parameters, names, lambda n, theta, rates: collected.append(np.array(rates[:, : len(names)])))
     for k, name in enumerate(names):
-        h = 1e-2 * PROBES[name]
-        there, back = (heat_run(problem, parameters.replace(**{name: PROBES[name] + x})) for x in (h, -h))
+        h = 1e-2 * parameters[name]
+        there, back = (heat_run(problem, parameters.replace(**{name: parameters[name] + x})) for x in (h, -h))
         expected = (there - back) / (2.0 * h)
         assert np.abs(np.stack(collected)[..., k] - expected).max() < 1e-5 * np.abs(expected).max() + 1e-9 / h, name
+
+
+@pytest.mark.parametrize("which", [STRUCTURAL_AMPLITUDES, *((name,) for name in STRUCTURAL_AMPLITUDES)], ids=lambda names: "+".join(names))
+@pytest.mark.parametrize("yields", ["hill", "yld2004"])
+def test_heat_of_a_changed_update_has_all_slopes_that_are_not_zero(which: tuple[str, ...], yields: str) -> None:
+    """What its arguments and numbers are asked for by several general points leaves out is zero at every point of a run."""
+    parameters, slots = BASE.replace(**{name: PROBES[name] for name in which}), Slots(2, yields)
+    history = march(body(), parameters, FORCE, TIMES, replace(SETTINGS, model=slots, keep_points=True))
+    names = ("E", "nu", "M_y0", "M_yinf", "H_exp", "beta", "alpha_exp", "F", *STRUCTURAL_AMPLITUDES)
+    law = law_of(parameters, slots)
+    asked = directions(parameters, names, law)
+    numbers = np.flatnonzero(np.any(asked.numbers != 0.0, axis=1))
+    moved = tuple(moved_law(law, int(k)) for k in (-1, *numbers))
+    felt = felt_by_heat(moved)
+    assert 0 < len(felt.arguments) and 0 < felt.numbers.sum() < len(numbers)
+    theta = np.full(history.points[0].alpha.shape, 301.0)
+    for start, end in pairwise(history.points):
+        every = structure_slopes(start, end, theta + 0.1, theta, law, moved, (), tuple(range(10)), True)
+        told = structure_slopes(start, end, theta + 0.1, theta, law, moved, (), felt.arguments, True)
+        assert not np.any(every.by_numbers[~felt.numbers])
+        assert np.array_equal(told.start, every.start) and np.array_equal(told.end, every.end)
+        assert np.array_equal(told.by_j, every.by_j) and np.array_equal(told.by_theta, every.by_theta)

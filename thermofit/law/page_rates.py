@@ -109,10 +109,10 @@ def directions(parameters: Parameters, names: Sequence[str], law: Law) -> Direct
     structured = is_structured(parameters, law, names)
     return Directions(
         numbers,
-        _felt(yield_gradients, (0.031 * _FLOWED, 0.017 * _FLOWED, 0.007 * _FLOWED, 297.3), law, moved),
-        _felt(dissipation_gradients, (0.031 * _FLOWED, 0.036 * _FLOWED, 0.007 * _FLOWED, 0.017 * _FLOWED, 297.3), law, moved),
+        _felt(yield_gradients, (0.031 * FLOWED, 0.017 * FLOWED, 0.007 * FLOWED, 297.3), law, moved),
+        _felt(dissipation_gradients, (0.031 * FLOWED, 0.036 * FLOWED, 0.007 * FLOWED, 0.017 * FLOWED, 297.3), law, moved),
         _felt(pressure_gradients, (0.003, 297.3), law, moved),
-        _felt(_structure_slopes, (0.017 * _FLOWED, 0.007 * _FLOWED, 297.3), law, moved & structured),
+        _felt(_structure_slopes, (0.017 * FLOWED, 0.007 * FLOWED, 297.3), law, moved & structured),
         _felt(_sense_slopes, (-0.3,), law, moved & structured),
         (SURFACE + np.flatnonzero(moved[SURFACE : SURFACE + len(OF_SURFACE)])).astype(np.int64),
         structured,
@@ -146,18 +146,22 @@ Complex = Any
 Gradients = Callable[[tuple[np.ndarray, ...], Law, np.ndarray], np.ndarray]
 
 
-_FLOWED = np.geomspace(1e-4, 1e3, 256)
+FLOWED = np.geomspace(1e-4, 1e3, 256)
 """Plastic strains over a usual one: a knot of a table, or a step of a curve, is felt between its neighbours alone."""
+
+
+def generic(law: Law, theta: float) -> Law:
+    """The law with a rate, and a reference temperature that is not theta: nothing vanishes by chance where it is probed."""
+    return law._replace(theta_ref=law.theta_ref - 1.7 if law.theta_ref == theta else law.theta_ref, per_second=0.3)
 
 
 def _felt(gradients: Gradients, arguments: tuple[Any, ...], law: Law, moved: np.ndarray) -> np.ndarray:
     """Numbers that a function of the law page depends on at any of several general points, of those that any direction moves."""
-    generic = law._replace(theta_ref=law.theta_ref - 1.7 if law.theta_ref == arguments[-1] else law.theta_ref, per_second=0.3)
     asked = np.flatnonzero(moved)
     if not len(asked):
         return np.empty(0, dtype=np.int64)
     points = tuple(np.array(x) for x in np.broadcast_arrays(*(np.atleast_1d(x) for x in arguments)))
-    found = gradients(points, generic, asked)
+    found = gradients(points, generic(law, arguments[-1]), asked)
     felt = np.any(found[..., len(arguments) :, :] != 0.0, axis=(*range(found.ndim - 2), -1))
     return asked[felt].astype(np.int64)
 

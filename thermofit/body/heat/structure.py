@@ -14,7 +14,7 @@ from thermofit.core.jit import kernel
 from thermofit.law.backstress import recalled_energy
 from thermofit.law.composition import asymmetry_factor, backstress_terms, modulus_factor, warm_moduli
 from thermofit.law.page import Law, is_transformed, thermoelastic_heat
-from thermofit.law.page_rates import LANES, STEP
+from thermofit.law.page_rates import FLOWED, LANES, STEP, generic
 from thermofit.law.structure import asymmetry_heat, degradation_heat, energy_slope
 from thermofit.point.state import ALPHA, BACK, LAMBDA, N_BACK, N_STATE, SENSE, TRACE
 from thermofit.point.surface_norm import in_surface, surface_curved, surface_gradients, surface_number_slopes
@@ -48,7 +48,6 @@ class PointChange(NamedTuple):
 
 def change_between(start: PointStates, end: PointStates, theta: np.ndarray, law: Law) -> PointChange:
     """Change from one state of all points to another; both hold their structure. theta (n_el, 8) K is that of the middle."""
-    y_n, y = _backs(start), _backs(end)
     at = TRACE - N_STATE, SENSE - N_STATE
     trace, sense = (np.ascontiguousarray(end.structure[:, :, k]) for k in at)
     trace_n = np.ascontiguousarray(start.structure[:, :, at[0]])
@@ -57,7 +56,9 @@ def change_between(start: PointStates, end: PointStates, theta: np.ndarray, law:
         trace_n, trace, sense, np.empty((0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0, 0)),
     )  # fmt: skip
     if not is_transformed(law):
-        return change._replace(before=_in_hill(y_n, y_n, law), across=_in_hill(y_n, y, law), after=_in_hill(y, y, law))
+        before, across, after = _hill_squares(start.structure, end.structure, BACK - N_STATE, law)
+        return change._replace(before=before, across=across, after=after)
+    y_n, y = _backs(start), _backs(end)
     # The work of X along N is C [Y_n : phi N (Y - kept Y_n) + dLambda^2 psi], since N is that of Y - kept Y_n; what is stored grows by
     # C (phi(Y)^2 - phi(Y_n)^2) / 2. `before` is chosen so that the derivative by kept is right as well.
     kept = _terms(change, theta, law)[1]
@@ -105,10 +106,32 @@ def _part(y: np.ndarray, a: int, b: int) -> np.ndarray:
     return np.asarray(y[..., a] - y[..., b] if a != b else y[..., a])
 
 
-def _in_hill(x: np.ndarray, y: np.ndarray, law: Law) -> np.ndarray:
-    """x : G : y of tensors (..., 6)."""
-    terms = (w * n * _part(x, a, b) * _part(y, a, b) for w, (a, b, n) in zip(_hill_weights(law), _HILL_WEIGHTS, strict=True))
-    return np.asarray(sum(terms))
+def _hill_squares(before: np.ndarray, after: np.ndarray, first: int, law: Law) -> np.ndarray:
+    """Y_n : G : Y_n, Y_n : G : Y and Y : G : Y of all backstresses (3, N_BACK, n_el, 8); the numbers of a point (n_el, 8, n) hold Y from
+    `first` on."""
+    out = np.empty((3, N_BACK, *before.shape[:2]))
+    _square_in_hill(np.ascontiguousarray(before), np.ascontiguousarray(after), first, law, out)
+    return out
+
+
+@kernel
+def _square_in_hill(before: np.ndarray, after: np.ndarray, first: int, law: Law, out: np.ndarray) -> None:
+    y_n, y = np.zeros(6), np.zeros(6)
+    for e in range(before.shape[0]):
+        for q in range(before.shape[1]):
+            for i in range(N_BACK):
+                for k in range(6):
+                    y_n[k], y[k] = before[e, q, first + 6 * i + k], after[e, q, first + 6 * i + k]
+                out[0, i, e, q] = _in_hill(y_n, y_n, law)
+                out[1, i, e, q] = _in_hill(y_n, y, law)
+                out[2, i, e, q] = _in_hill(y, y, law)
+
+
+@kernel(forceinline=True)
+def _in_hill(x: np.ndarray, y: np.ndarray, law: Law) -> float:
+    """x : G : y of tensors (6,), `_HILL_WEIGHTS`."""
+    normal = law.F * (x[0] - x[1]) * (y[0] - y[1]) + law.G * (x[2] - x[0]) * (y[2] - y[0]) + law.H * (x[1] - x[2]) * (y[1] - y[2])
+    return float(normal + 2.0 * (law.L * x[3] * y[3] + law.M * x[4] * y[4] + law.N * x[5] * y[5]))
 
 
 def _hill_of(y: np.ndarray, law: Law) -> np.ndarray:
@@ -211,8 +234,9 @@ def _terms_of_points(change: PointChange, theta: np.ndarray, law: Law, out: np.n
 
 def stored_squares(state: np.ndarray, law: Law) -> np.ndarray:
     """Twice the energy that each backstress stores over its modulus, (N_BACK, n_el, 8), at states (n_el, 8, N_FULL)."""
-    y = np.ascontiguousarray(np.moveaxis(state[:, :, BACK:].reshape(*state.shape[:2], N_BACK, 6), 2, 0))
-    return _squared(y, law) if is_transformed(law) else _in_hill(y, y, law)
+    if not is_transformed(law):
+        return _hill_squares(state, state, BACK, law)[2]
+    return _squared(np.ascontiguousarray(np.moveaxis(state[:, :, BACK:].reshape(*state.shape[:2], N_BACK, 6), 2, 0)), law)
 
 
 def structure_heat(
@@ -248,6 +272,33 @@ END_PLACES = np.array([LAMBDA, ALPHA, TRACE, SENSE, *range(BACK, BACK + 6 * N_BA
 """Places in a state that the rows of `StructureSlopes.start` and `.end` stand for."""
 
 
+class Felt(NamedTuple):
+    """What the heat depends on: arguments of `_heat_at` by their places, and which (n,) of the numbers that are moved."""
+
+    arguments: tuple[int, ...]
+    numbers: np.ndarray
+
+
+def felt_by_heat(moved: tuple[Law, ...]) -> Felt:
+    """Felt of the law with no number moved by i h, then with each of several: what matters at any of several general points. Of what is
+    not felt there no derivative has to be made, point by point and step by step."""
+    points = FLOWED.reshape(-1, 8)
+    sense = np.where(np.arange(8) % 2 == 0, -0.3, 0.4) + 0.0 * points
+    square = tuple(np.stack([share * points**2] * N_BACK) for share in (0.31, 0.47, 0.83))
+    change = PointChange(
+        0.0011 + 0.0 * points, 0.0017 + 0.0 * points, 0.036 * points, 0.017 * points, 0.007 * points, 3.003 + 0.0 * points,
+        3.005 + 0.0 * points, sense, *square,
+    )  # fmt: skip
+    warm, warm_n, out = 297.3 + 0.0 * points, 296.1 + 0.0 * points, np.empty_like(points)
+
+    def matters(law: Law, argument: int) -> bool:
+        _differentiate(change, warm, warm_n, argument, generic(law, 297.3), out)
+        return bool(np.any(out != 0.0))
+
+    arguments = tuple(k for k in range(10) if matters(moved[0], k))
+    return Felt(arguments, np.array([matters(law, -1) for law in moved[1:]], dtype=bool))
+
+
 def structure_slopes(
     start: PointStates,
     end: PointStates,
@@ -256,66 +307,78 @@ def structure_slopes(
     law: Law,
     moved: tuple[Law, ...],
     of_surface: tuple[int, ...],
-    on: bool,
+    arguments: tuple[int, ...],
+    moving: bool,
 ) -> StructureSlopes:
     """StructureSlopes of an increment, theta and theta_n (n_el, 8) K at the points in its middle and at its start.
 
     `moved` is the law with no number moved by i h, then with each of those that are differentiated beside those of the yield surface, which
-    come first: the six of Hill's tensor, or `of_surface` of a transformed one, by their places; `on`: an effect is on, not only asked for.
+    come first: those of Hill's tensor, or of a transformed one, by their places `of_surface`. `arguments`: those that the heat depends on
+    (`Felt`), none where no effect is on but only asked for. Where the points are not `moving` states and J have no derivatives.
     """
     change, shape = change_between(start, end, theta, law), theta.shape
     by = np.zeros((10, *shape))
+    for argument in arguments if moving else set(arguments) & {_WARM, _WARM_N}:
+        _differentiate(change, theta, theta_n, argument, moved[0], by[argument])
     numbers = np.zeros((len(of_surface) + len(moved) - 1, *shape))
-    at_start, at_end = np.zeros((len(START_PLACES), *shape)), np.zeros((len(END_PLACES), *shape))
-    if on:
-        warms = warm_moduli.py_func(law)
-        for argument in range(10):
-            if argument in (_WARM_N, _TRACE_N) and not warms:
-                continue
-            _differentiate(change, theta, theta_n, argument, moved[0], by[argument])
-        terms = _terms(change, theta, law)
-        C, kept = np.where(change.d_lambda > 0.0, terms[0], 0.0), terms[1]
-        y_n, y = _backs(start), _backs(end)
-        of_kind = _transformed_slopes if is_transformed(law) else _hill_slopes
-        by_old, by_new, numbers[: len(of_surface)] = of_kind(y_n, y, C, kept, law, of_surface)
-        at_start[2:] = np.moveaxis(by_old, 3, 1).reshape(-1, *shape)
-        at_end[4:] = np.moveaxis(by_new, 3, 1).reshape(-1, *shape)
     for n, there in enumerate(moved[1:], start=len(of_surface)):
         _differentiate(change, theta, theta_n, -1, there, numbers[n])
+    at_start, at_end = np.zeros((len(START_PLACES), *shape)), np.zeros((len(END_PLACES), *shape))
+    if arguments and (moving or of_surface):
+        terms = _terms(change, theta, law)
+        recall = _Recall(_backs(start), _backs(end), np.where(change.d_lambda > 0.0, terms[0], 0.0), terms[1], law)
+        transformed = is_transformed(law)
+        for n, which in enumerate(of_surface):
+            numbers[n] = recall.by_number(which) if transformed else recall.by_number_of_hill(which)
+        if moving:
+            by_old, by_new = recall.by_backs() if transformed else recall.by_backs_in_hill()
+            at_start[2:] = np.moveaxis(by_old, 3, 1).reshape(-1, *shape)
+            at_end[4:] = np.moveaxis(by_new, 3, 1).reshape(-1, *shape)
     at_start[0], at_start[1] = by[_LAMBDA_N] - by[_D_LAMBDA], by[_TRACE_N]
     at_end[0], at_end[1], at_end[2], at_end[3] = by[_D_LAMBDA], by[_ALPHA], by[_TRACE], by[_SENSE]
     by_j = (by[_LOG_J_N] / start.dilatation, by[_LOG_J] / end.dilatation)
     return StructureSlopes(at_start, at_end, by_j, (by[_WARM], by[_WARM_N]), numbers)
 
 
-_Slopes = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Derivatives of the heat of recall by the components of Y_n and of Y, each (N_BACK, n_el, 8, 6), and by numbers of the surface."""
+class _Recall(NamedTuple):
+    """The heat of recall of all backstresses: Y_n and Y (N_BACK, n_el, 8, 6), their moduli C, zero where nothing flows, and
+    kept = exp(-gamma dLambda), both (N_BACK, n_el, 8). It is
 
+        C [Y_n : G : Y - kept Y_n : G : Y_n - (Y : G : Y - Y_n : G : Y_n) / 2],
 
-def _hill_slopes(y_n: np.ndarray, y: np.ndarray, modulus: np.ndarray, kept: np.ndarray, law: Law, of_surface: tuple[int, ...]) -> _Slopes:
-    """Of C [Y_n : G : Y - kept Y_n : G : Y_n - (Y : G : Y - Y_n : G : Y_n) / 2]."""
-    g_n, g = _hill_of(y_n, law), _hill_of(y, law)
-    by_old = modulus[..., None] * (g + (1.0 - 2.0 * kept)[..., None] * g_n)
-    numbers = []
-    for a, b, n in (_HILL_WEIGHTS[k] for k in of_surface):
-        x, z = _part(y_n, a, b), _part(y, a, b)
-        numbers.append((modulus * n * (x * z - kept * x * x - 0.5 * (z * z - x * x))).sum(axis=0))
-    return by_old, modulus[..., None] * (g_n - g), np.array(numbers)
+    of another surface C [Y_n : phi N (W) - (phi(Y)^2 - phi(Y_n)^2) / 2] with W = Y - kept Y_n."""
 
+    y_n: np.ndarray
+    y: np.ndarray
+    modulus: np.ndarray
+    kept: np.ndarray
+    law: Law
 
-def _transformed_slopes(
-    y_n: np.ndarray, y: np.ndarray, modulus: np.ndarray, kept: np.ndarray, law: Law, of_surface: tuple[int, ...]
-) -> _Slopes:
-    """Of C [Y_n : phi N (W) - (phi(Y)^2 - phi(Y_n)^2) / 2], W = Y - kept Y_n."""
-    w = y - kept[..., None] * y_n
-    curved, (g_w, g_n, g) = _on_points(surface_curved, law, w, y_n), (_on_points(surface_gradients, law, x) for x in (w, y_n, y))
-    weight, numbers = modulus[..., None] * _TWICE, []
-    for which in of_surface:
-        _, by_w = _number_slopes(w, which, law)
-        rest = _number_slopes(y_n, which, law)[0] - _number_slopes(y, which, law)[0]
-        numbers.append((modulus * (_contracted(y_n, by_w) + rest)).sum(axis=0))
-    shape = y.shape[1:3]
-    return weight * (g_w - kept[..., None] * curved + g_n), weight * (curved - g), np.array(numbers).reshape(-1, *shape)
+    def by_backs_in_hill(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (N_BACK, n_el, 8, 6) by the components of Y_n and of Y."""
+        g_n, g = _hill_of(self.y_n, self.law), _hill_of(self.y, self.law)
+        return self.modulus[..., None] * (g + (1.0 - 2.0 * self.kept)[..., None] * g_n), self.modulus[..., None] * (g_n - g)
+
+    def by_number_of_hill(self, which: int) -> np.ndarray:
+        """Derivative (n_el, 8) by one of F, G, H, L, M, N."""
+        a, b, n = _HILL_WEIGHTS[which]
+        x, z = _part(self.y_n, a, b), _part(self.y, a, b)
+        return np.asarray((self.modulus * n * (x * z - self.kept * x * x - 0.5 * (z * z - x * x))).sum(axis=0))
+
+    def by_backs(self) -> tuple[np.ndarray, np.ndarray]:
+        """`by_backs_in_hill` of another surface."""
+        w = self.y - self.kept[..., None] * self.y_n
+        curved = _on_points(surface_curved, self.law, w, self.y_n)
+        g_w, g_n, g = (_on_points(surface_gradients, self.law, x) for x in (w, self.y_n, self.y))
+        weight = self.modulus[..., None] * _TWICE
+        return weight * (g_w - self.kept[..., None] * curved + g_n), weight * (curved - g)
+
+    def by_number(self, which: int) -> np.ndarray:
+        """`by_number_of_hill` of another surface."""
+        w = self.y - self.kept[..., None] * self.y_n
+        _, by_w = _number_slopes(w, which, self.law)
+        rest = _number_slopes(self.y_n, which, self.law)[0] - _number_slopes(self.y, which, self.law)[0]
+        return np.asarray((self.modulus * (_contracted(self.y_n, by_w) + rest)).sum(axis=0))
 
 
 def _number_slopes(y: np.ndarray, which: int, law: Law) -> tuple[np.ndarray, np.ndarray]:
@@ -344,8 +407,7 @@ def add_structure_rates(
         parts.append((slopes.by_numbers, np.arange(len(number_rates)), number_rates))
     for slope, rates in zip(slopes.by_theta, theta_rates, strict=True):
         if np.any(slope):
-            at = np.einsum("qa,eam->eqm", data.shape, rates[data.hexes])
-            parts.append((slope[None], np.zeros(1, dtype=np.int64), at))
+            parts.append((slope[None], np.zeros(1, dtype=np.int64), at_points(data, rates)))
     for coefficients, places, rates in parts:
         used = np.flatnonzero(np.any(coefficients != 0.0, axis=(1, 2)))
         if len(used):

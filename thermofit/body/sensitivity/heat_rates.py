@@ -14,7 +14,7 @@ import numpy as np
 
 from thermofit.body.element.hex8 import ElementData
 from thermofit.body.heat.equation import Increment, PointStates, at_points, increment_between
-from thermofit.body.heat.structure import StructureSlopes, add_structure_rates, structure_slopes
+from thermofit.body.heat.structure import StructureSlopes, add_structure_rates, felt_by_heat, structure_slopes
 from thermofit.body.sensitivity.lanes import add_lanes, copy_lanes
 from thermofit.core.jit import kernel
 from thermofit.law.composition import restructured
@@ -44,8 +44,8 @@ class SourceLaw:
 
     `moved` is the law with no number moved by i h, then with each of the numbers that the dissipation feels, whose rates are `numbers`
     (n, m); `c_rates` (m,) are those of c = -3 alpha K. `structure` and `structure_numbers`, those of the yield surface first, are the same
-    for the heat of effects that change the local update itself, empty where none is on or asked for; `of_surface`: the numbers of the
-    surface, by their places among its own.
+    for the heat of effects that change the local update itself, empty where none is on or asked for; `structure_arguments`: what else that
+    heat depends on (`Felt`); `of_surface`: the numbers of the surface, by their places among its own.
     """
 
     law: Law
@@ -54,6 +54,7 @@ class SourceLaw:
     c_rates: np.ndarray
     structure: tuple[Law, ...] = ()
     structure_numbers: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    structure_arguments: tuple[int, ...] = ()
     of_surface: tuple[int, ...] = ()
 
     def in_step(self, dt: float) -> SourceLaw:
@@ -80,12 +81,20 @@ def source_law(law: Law, directions: Directions) -> SourceLaw:
         return found
     any_rate = np.flatnonzero(np.any(directions.numbers != 0.0, axis=1))
     first, count = (SURFACE, len(OF_SURFACE)) if is_transformed(law) else (HILL, 6)
-    own = [int(k) for k in directions.in_surface] if is_transformed(law) else list(range(first, first + count))
+    own = [int(k) for k in any_rate if first <= k < first + count]
     asked = any_rate if found.on else sorted({*directions.in_structure, *directions.in_sense})
     active = [int(k) for k in asked if not first <= k < first + count]
     structure = tuple(moved_law(law, which) for which in (-1, *active))
-    numbers = np.ascontiguousarray(directions.numbers[[*own, *active]])
-    return replace(found, structure=structure, structure_numbers=numbers, of_surface=tuple(k - first for k in own))
+    felt = felt_by_heat(structure)
+    structure = (structure[0], *(there for there, heats in zip(structure[1:], felt.numbers, strict=True) if heats))
+    numbers = np.ascontiguousarray(directions.numbers[[*own, *np.array(active, dtype=int)[felt.numbers]]])
+    return replace(
+        found,
+        structure=structure,
+        structure_numbers=numbers,
+        structure_arguments=felt.arguments,
+        of_surface=tuple(k - first for k in own),
+    )
 
 
 class SourceSlopes(NamedTuple):
@@ -110,8 +119,14 @@ def source_slopes(
     j_n, j = ends[0].dilatation, ends[1].dilatation
     by_j = ((increment.g_n - 1.0 / j_n) / j_n, (1.0 / j - increment.g) / j)
     warm, warm_n = (at_points(data, t) for t in theta)
-    structure = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.of_surface, law.on) if law.structure else None
+    structure = _structure_slopes(ends, (warm, warm_n), law, moving=True) if law.structure else None
     return SourceSlopes(increment, by_j, _dissipation_derivatives(increment, warm, law, range(5)), structure)
+
+
+def _structure_slopes(
+    ends: tuple[PointStates, PointStates], theta: tuple[np.ndarray, np.ndarray], law: SourceLaw, *, moving: bool
+) -> StructureSlopes:
+    return structure_slopes(*ends, *theta, law.law, law.structure, law.of_surface, law.structure_arguments, moving)
 
 
 def heat_source_rates(
@@ -153,7 +168,7 @@ def frozen_source_rates(
     dissipation = _dissipation_derivatives(increment, warm, law, range(WARM, 5))
     _add_source_rates(data, increment, dissipation, (law.law, law.numbers, law.c_rates), temperature, out)
     if ends is not None and law.structure:
-        slopes = structure_slopes(*ends, warm, warm_n, law.law, law.structure, law.of_surface, law.on)
+        slopes = _structure_slopes(ends, (warm, warm_n), law, moving=False)
         add_structure_rates(data, slopes, None, (temperature[1], rates_n), law.structure_numbers, out)
 
 

@@ -27,6 +27,7 @@ from thermofit.body.solve.loading import Loading
 from thermofit.body.solve.march import Run, beginning, marched
 from thermofit.body.solve.predictor import Passed, predicted
 from thermofit.core.errors import NumericsError
+from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import LOAD, effects
 from thermofit.law.page import Law, law_in_step
@@ -162,8 +163,18 @@ class _Between(Run):
         change[k:] = 0.0
         self.end_rates = self.end_rates + change
         for new in (found.u, found.theta, found.points, found.dilatation):
-            new += new[..., k : k + 1] * change
+            _add_column(new.reshape(-1, new.shape[-1]), k, change)
         return replace(found, top_force=found.top_force + found.top_force[k] * change)
+
+
+@kernel
+def _add_column(rates: np.ndarray, k: int, change: np.ndarray) -> None:
+    """rates (n, m) += rates_k change: every direction with as much of direction k as its `change` (m,) says."""
+    for i in range(rates.shape[0]):
+        by_k = rates[i, k]
+        if by_k != 0.0:
+            for p in range(rates.shape[1]):
+                rates[i, p] += by_k * change[p]
 
 
 def _of_machine(names: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -14,10 +15,12 @@ from scipy.integrate import solve_ivp
 from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh
 
 from thermofit.body.body import Body, tension_body, thermal_geometry
+from thermofit.body.heat import sources
 from thermofit.body.heat.conduction import heat_conditions, heat_step, steady_temperature
 from thermofit.body.heat.effects import HeatEffects, heat_effects
 from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
+from thermofit.body.sensitivity import heat_effect_rates
 from thermofit.body.sensitivity.march import Sensitivities
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
@@ -315,8 +318,11 @@ def test_nothing_is_evaluated_while_all_are_off(monkeypatch: pytest.MonkeyPatch)
     def told(*_: Any) -> None:
         raise AssertionError("an effect was evaluated")
 
-    for method in ("factor", "flux", "medium_change", "source", "initial"):
+    for method in ("factor", "flux", "medium_change", "initial"):
         monkeypatch.setattr(HeatEffects, method, told)
+    for power in ("power_by_state", "power_by_place"):
+        for where in (sources, heat_effect_rates):
+            monkeypatch.setattr(where, power, told)
     history, _ = run(("kappa", "theta_air"))
     heat_run(heat_problem(dogbone(), history, SETTINGS), BASE)
 
@@ -356,6 +362,37 @@ def test_an_effect_of_a_user_acts_in_every_slot(slot: str, tmp_path: Path, monke
     expected = (ahead - back) / (0.02 * probe)
     assert np.abs(history.theta - run()[0].theta).max() > 1e-3
     assert np.abs(rates[..., 0] - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+SPOT = "np.exp(-(((y - 4.0) / 6.0) ** 2)) * np.cos(0.3 * x) * (1.0 + 0.02 * time)"
+
+
+def test_a_source_of_place_and_time_is_that_of_all_arguments(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Off and on, its heat and derivatives are the same; it is asked once for points above one another, alone and beside another source."""
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
+    for name, arguments, more in (
+        ("spot_short", "time, x, y", ""),
+        ("spot_long", "theta, accumulated, rate, time, x, y", " + 0.0 * theta"),
+    ):
+        (tmp_path / f"{name}.py").write_text(
+            "import numpy as np\nfrom thermofit.core.parameters import Param\nSLOT, FORMULA, SOURCE = 'heat_source', 'made up', 'made up'\n"
+            f"PARAMS = (Param('{name}.power', '1', 0.0, -10.0, 10.0, 1.0, 'made up', probe=0.1),)\nASKED = set()\n"
+            f"def heat_source({arguments}, power):\n    ASKED.add(x.size)\n    return power * {SPOT}{more}\n"
+        )
+        load_effect(tmp_path / f"{name}.py")
+    (off, dormant), latent = run(("spot_short.power", "spot_long.power")), {"latent_heat.heat": 20.0, "latent_heat.centre": 0.01}
+    assert np.abs(dormant[..., 0] - dormant[..., 1]).max() < 1e-12 * np.abs(dormant).max() and np.abs(dormant).max() > 0.1
+    for beside in ({}, latent):
+        (short, rates), (long, of_long) = (
+            run((f"{n}.power", "kappa"), **{f"{n}.power": 0.1}, **beside) for n in ("spot_short", "spot_long")
+        )
+        assert np.abs(short.theta - long.theta).max() < 1e-10 and np.abs(short.theta - off.theta).max() > 0.01
+        assert np.abs(rates - of_long).max() < 1e-9 * np.abs(rates).max()
+    asked, every = (sys.modules[f"thermofit_user_effect_{n}"].ASKED for n in ("spot_short", "spot_long"))
+    ((few,), (all_,)) = asked, every
+    x, y = dogbone().points
+    assert all_ == x.size and few == len(np.unique(np.round(np.stack([x.ravel(), y.ravel()]), 9), axis=1).T) < all_
 
 
 @pytest.mark.parametrize("slot", USER)

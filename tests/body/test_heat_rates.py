@@ -11,9 +11,9 @@ from small_bodies import ADIABATIC, NOMINAL, bar_mesh
 
 from thermofit.body.body import Body, tension_body, thermal_geometry
 from thermofit.body.heat.conduction import HeatStep, at_constant_stress, heat_conditions, heat_step, steady_temperature
-from thermofit.body.heat.effects import nodal_heat
 from thermofit.body.heat.equation import PointStates, heat_of_increment, increment_between
 from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run, heat_run_rates
+from thermofit.body.heat.sources import nodal_heat
 from thermofit.body.sensitivity.conduction_rates import condition_rates, heat_step_rates, steady_rates
 from thermofit.body.sensitivity.heat_effect_rates import multiply_some
 from thermofit.body.sensitivity.heat_rates import (
@@ -345,3 +345,15 @@ def test_nodal_heat_of_one_density_and_of_several() -> None:
     nodal = np.zeros_like(found)
     np.add.at(nodal, body.mesh.hexes, first)
     assert np.allclose(found, nodal, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("distortion", [0.0, 0.1])
+def test_points_of_the_plane_take_the_heat_of_those_above_one_another(distortion: float) -> None:
+    """A density that is the same through the thickness makes the same nodal heat; points that are not above one another stand alone."""
+    body = tension_body(bar_mesh((2, 3, 2), (2.0, 4.0, 1.5), distortion=distortion))
+    (x, y), plane = body.points, body.plane
+    assert len(plane.x) > x.size // 4 if distortion else len(plane.x) == x.size // 4
+    density = np.cos(0.3 * x) * np.exp(0.2 * y)
+    found = plane.heat @ (np.cos(0.3 * plane.x) * np.exp(0.2 * plane.y))
+    assert np.allclose(found, nodal_heat(body, density), rtol=1e-12, atol=1e-14)
+    assert y.min() == pytest.approx(-y.max(), abs=0.2) and plane.y.min() < 0.0 < plane.y.max()

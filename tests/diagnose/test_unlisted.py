@@ -264,9 +264,8 @@ def test_the_effect_file_holds_the_source(tmp_path: Path) -> None:
     path.write_text(heat_file("unlisted_heat", "a test", grid, found.field.values[..., 0], False), encoding="utf-8")
     module = _loaded(path)
     middle = 0.5 * (MODEL.time[1:] + MODEL.time[:-1])
-    theta = np.zeros_like(MODEL.x)
-    power = np.stack([module.heat_source(theta, theta, theta, float(t), MODEL.x, MODEL.y, 1.0) for t in middle])
-    assert np.all(module.heat_source(theta, theta, theta, 50.0, MODEL.x, MODEL.y, 0.0) == 0.0)
+    power = np.stack([module.heat_source(float(t), MODEL.x, MODEL.y, 1.0) for t in middle])
+    assert np.all(module.heat_source(50.0, MODEL.x, MODEL.y, 0.0) == 0.0)
     warmed = MODEL.run(found.parameters, power[:, :, None])[:, :, 0]
     missing = here.case.model.missing
     assert missing is not None

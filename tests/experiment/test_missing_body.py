@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from virtual_pulls import SIZE, TRUTH, data, model, part, study
 
-from thermofit.body.heat.effects import about_middle
+from thermofit.body.body import about_middle
 from thermofit.core import parameters as declared
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.unlisted_effect import heat_file, over_time_file

@@ -22,6 +22,7 @@ from thermofit.law.page import law_of
 OUTSIDE = effects((*HEAT, *LOAD, *KINEMATICS, *MEASUREMENT))
 ARGUMENTS = {
     "heat_source": "theta, accumulated, rate, time, x, y",
+    "of place": "time, x, y",
     "surface_flux": "theta, time, surroundings",
     "boundary_temperature": "y, time, elapsed",
     "capacity": "theta, theta_ref",
@@ -41,13 +42,15 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def written(folder: Path, slot: str, result: str) -> Path:
-    """The file of an effect that returns `result`, a formula of its arguments and of the amplitude a; taken into the catalogue."""
-    path = folder / "my_effect.py"
+    """The file of an effect that returns `result`, a formula of its arguments and of the amplitude a; taken into the catalogue. A slot "of
+    place" is that of a heat source which depends on place and time alone."""
+    path, arguments = folder / "my_effect.py", ARGUMENTS[slot]
+    slot = slot_of(slot)
     path.write_text(
         "import numpy as np\nfrom thermofit.core.parameters import Param\n"
         f"SLOT, FORMULA, SOURCE, ON = {slot!r}, 'made up', 'made up', ('air',)\n"
         "PARAMS = (Param('my_effect.a', '1', 0.0, -5.0, 5.0, 0.1, 'amplitude', probe=0.5),)\n"
-        f"def {slot}({ARGUMENTS[slot]}, a):\n    return {result}\n"
+        f"def {slot}({arguments}, a):\n    return {result}\n"
     )
     load_effect(path)
     return path
@@ -55,7 +58,11 @@ def written(folder: Path, slot: str, result: str) -> Path:
 
 def tried(folder: Path, slot: str, result: str) -> None:
     path = written(folder, slot, result)
-    try_effect(effect("my_effect"), path, trial_of(slot))
+    try_effect(effect("my_effect"), path, trial_of(slot_of(slot)))
+
+
+def slot_of(words: str) -> str:
+    return "heat_source" if words == "of place" else words
 
 
 @pytest.mark.parametrize("e", OUTSIDE, ids=lambda e: e.name)
@@ -80,6 +87,7 @@ def test_built_in_effects_of_the_law_pass(e: Effect) -> None:
         ("load", "(force * (1.0 + a), end)"),
         ("kinematics", "u + a * scene.position"),
         ("sensor", "scene.lagged(theta, a)"),
+        ("of place", "a * time * np.cos(x) * y"),
     ],
 )
 def test_what_is_right_passes(tmp_path: Path, slot: str, result: str) -> None:
@@ -93,6 +101,8 @@ def test_what_is_right_passes(tmp_path: Path, slot: str, result: str) -> None:
         ("heat_source", "a * rates", "does not run (NameError"),
         ("load", "force + a, end.missing", "does not run (AttributeError"),
         ("sensor", "theta[0] + a", "of shape (20,) in a trial; expected shape (7, 20)"),
+        ("of place", "a * theta", "does not run (NameError"),
+        ("of place", "a * time", "of shape () in a trial; expected shape (5, 4)"),
         ("heat_source", "a", "of shape () in a trial; expected shape (5, 4)"),
         ("kinematics", "u[..., 0] + a", "of shape (7, 20) in a trial; expected shape (7, 20, 2)"),
         ("load", "force + a", "of shape (7,) in a trial; expected 2 arrays of shape (7,)"),
@@ -114,7 +124,7 @@ def test_what_is_right_passes(tmp_path: Path, slot: str, result: str) -> None:
 def test_what_is_wrong_is_said(tmp_path: Path, slot: str, result: str, said: str) -> None:
     with pytest.raises(StudyError) as error:
         tried(tmp_path, slot, result)
-    assert said in str(error.value) and f"my_effect.py: function '{slot}'" in str(error.value), error.value
+    assert said in str(error.value) and f"my_effect.py: function '{slot_of(slot)}'" in str(error.value), error.value
 
 
 def test_unlisted_terms_pass(tmp_path: Path) -> None:

@@ -4,14 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_array, csr_array
 
 from thermofit.body.element.hex8 import ElementData, element_data
-from thermofit.body.heat.equation import FacetData, capacity_matrices, conduction_matrices, facet_data, film_matrices, swelling_matrices
+from thermofit.body.heat.equation import (
+    FacetData,
+    at_points,
+    capacity_matrices,
+    conduction_matrices,
+    facet_data,
+    film_matrices,
+    swelling_matrices,
+)
 from thermofit.body.mesh.mesh import Mesh, boundary_facets
 from thermofit.body.solve.linear import BandPattern, band_pattern, scatter, slots
 from thermofit.core.errors import StudyError
+
+ABOVE = 1e-9
+"""Part of the largest extent of a body by which points above one another may differ in the plane: rounding."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Points of integration as they lie in the plane of a sheet, those above one another once: x, y (n_d,) mm from the middle, and the
+    nodal heat (n_np, n_d) mm^3 of a unit density at them, int N_a dV."""
+
+    x: np.ndarray
+    y: np.ndarray
+    heat: csr_array
 
 
 @dataclass(frozen=True)
@@ -45,6 +68,30 @@ class Body:
     def loaded(self) -> np.ndarray:
         """Nodes of the tied, loaded end."""
         return self.mesh.node_sets["top"]
+
+    @cached_property
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Reference coordinates x, y of the points of integration, each (n_el, 8) mm, from the middle as `about_middle` has them."""
+        x, y = (at_points(self.data, c) for c in about_middle(self))
+        return x, y
+
+    @cached_property
+    def plane(self) -> Plane:
+        """The points of integration as they lie in the plane."""
+        x, y = (c.ravel() for c in self.points)
+        close = ABOVE * max(float(np.ptp(x)), float(np.ptp(y)))
+        _, first, which = np.unique(np.round(np.stack([x, y], axis=1) / close), axis=0, return_index=True, return_inverse=True)
+        share = self.data.volume[:, :, None] * self.data.shape[None]
+        node = np.broadcast_to(self.data.hexes[:, None, :], share.shape)
+        column = np.broadcast_to(which.reshape(*self.data.volume.shape, 1), share.shape)
+        heat = coo_array((share.ravel(), (node.ravel(), column.ravel())), shape=(self.mesh.n_nodes, len(first)))
+        return Plane(x[first], y[first], csr_array(heat))
+
+
+def about_middle(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Reference coordinates x, y of the nodes (n_np,) mm, y from the middle of the body."""
+    x, y = body.mesh.nodes[:, 0], body.mesh.nodes[:, 1]
+    return x, y - 0.5 * (y.min() + y.max())
 
 
 FIXED, LOADED = -1, -2

@@ -68,13 +68,11 @@ def heat_file(name: str, source: str, grid: Grid, values: np.ndarray, folded: bo
         + _array("POWER", values, "mW/mm^3 of reference volume at the knots (time, y, x).")
     )
     body = f'''
-def heat_source(
-    theta: np.ndarray, accumulated: np.ndarray, rate: np.ndarray, time: float, x: np.ndarray, y: np.ndarray, scale: float
-) -> np.ndarray:
+def heat_source(time: float, x: np.ndarray, y: np.ndarray, scale: float) -> np.ndarray:
     """Power of the source, mW/mm^3."""
     now = np.tensordot(_hats(TIME, np.array(time)), POWER, axes=1)
     across, along = _hats(X, np.clip({side}, X[0], X[-1])), _hats(Y, y)
-    return np.asarray(scale * np.einsum("...j,...i,ji->...", along, across, now) + 0.0 * theta)
+    return np.asarray(scale * np.einsum("...j,...i,ji->...", along, across, now))
 '''
     return head + tables + _HATS + body
 

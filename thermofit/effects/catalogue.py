@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import pkgutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -41,6 +43,8 @@ FILE_SLOTS = (*MATERIAL, *HEAT, *AXIAL, *LOAD, *KINEMATICS, *MEASUREMENT)
 SLOTS = (*BASE, *FILE_SLOTS)
 NO_EFFECTS = ("base", "catalogue", "curve", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
+PLACE_AND_TIME = ("time", "x", "y")
+"""Arguments before the Params of a heat source that depends on nothing else, in the stead of (theta, accumulated, rate, time, x, y)."""
 ON_FACETS = ("surface_flux", "boundary_temperature")
 """Slots of effects that act on facet sets, which the module constant ON names."""
 FACET_KINDS = ("air", "clamp")
@@ -72,6 +76,8 @@ class Effect:
     is of its form."""
     of_user: bool = False
     """True where it stands in a file of the user's, not in the catalogue."""
+    of_place: Callable[..., Any] | None = None
+    """The function of (time, x, y, *params) of a heat source that depends on nothing else; None of others. `act` is that of them all."""
 
     @property
     def amplitude(self) -> Param:
@@ -156,7 +162,26 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     span = float(getattr(module, "SPAN", 0.0))
     last = bool(getattr(module, "LAST", False))
     twin = getattr(module, "twin", None)
-    return Effect(name, slot, tuple(params), module.FORMULA, module.SOURCE, act, stored=stored, on=on, span=span, last=last, twin=twin)
+    of_place = act if slot == "heat_source" and len(inspect.signature(act).parameters) == len(PLACE_AND_TIME) + len(params) else None
+    return Effect(
+        name,
+        slot,
+        tuple(params),
+        module.FORMULA,
+        module.SOURCE,
+        act if of_place is None else partial(_whatever_flows, of_place),
+        stored=stored,
+        on=on,
+        span=span,
+        last=last,
+        twin=twin,
+        of_place=of_place,
+    )
+
+
+def _whatever_flows(of_place: Callable[..., Any], theta: Any, accumulated: Any, rate: Any, *more: Any) -> Any:
+    """A heat source of place and time, called as all of them are."""
+    return of_place(*more)
 
 
 def load_effect(path: Path) -> Effect:

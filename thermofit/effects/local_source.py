@@ -34,9 +34,6 @@ SOURCE = "source at a place, Carslaw and Jaeger 1959, chapter X: a warm or cold 
 
 
 def heat_source(
-    theta: np.ndarray,
-    accumulated: np.ndarray,
-    rate: np.ndarray,
     time: float,
     x: np.ndarray,
     y: np.ndarray,
@@ -55,4 +52,4 @@ def heat_source(
     """
     over_time = 0.5 * (1.0 + np.tanh((time - start) / onset))
     density = np.exp(-0.5 * ((y - place) / width) ** 2) / (np.sqrt(2.0 * np.pi) * width)
-    return np.asarray(power * density * over_time + 0.0 * theta)
+    return np.asarray(power * density * over_time)

@@ -11,10 +11,12 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from thermofit.body.body import Body, thermal_geometry
+from thermofit.body.body import Body, about_middle, thermal_geometry
 from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, ends_of_stages, heat_step
-from thermofit.body.heat.effects import INSTANTS, about_middle, at_points, nodal_heat
+from thermofit.body.heat.effects import INSTANTS
+from thermofit.body.heat.equation import at_points
 from thermofit.body.heat.films import conditions_of
+from thermofit.body.heat.sources import nodal_heat
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.film_exchange import FILM_UNIT
@@ -170,7 +172,7 @@ class BodyMissing:
     def _places(self, grid: Grid) -> np.ndarray:
         """Values (n_el, 8, n_places) of the hats at the points of integration; of a spot those with which its power and its first moment in
         every element are exact, for it may be smaller than that. Of one that travels (n_el, 8, n_k), one place for every time."""
-        x, y = (at_points(self.body, c) for c in about_middle(self.body))
+        x, y = self.body.points
         if not grid.spread:
             return place_hats(grid, np.abs(x) if self.folded else x, y)
         low, high = self._heights()
@@ -322,7 +324,7 @@ class BodyMissing:
         rise, strain = [], []
         for theta, u in zip(history.theta, history.u, strict=True):
             stretch = 1.0 + np.einsum("eqa,ea->eq", self.body.data.gradient[:, :, :, 1], u[:, 1][self.body.mesh.hexes])
-            rise.append(np.einsum("eq,eqn->n", at_points(self.body, theta - history.theta[0]), weights) / total)
+            rise.append(np.einsum("eq,eqn->n", at_points(self.body.data, theta - history.theta[0]), weights) / total)
             strain.append(np.einsum("eq,eqn->n", np.log(np.maximum(stretch, 1e-3)), weights) / total)
         rate = np.gradient(np.array(strain), history.time, axis=0)
         load = np.repeat((np.abs(history.force) / max(float(np.abs(history.force).max()), 1e-12))[:, None], grid.places, axis=1)

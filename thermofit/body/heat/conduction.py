@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.body.body import Body, ThermalGeometry
+from thermofit.body.body import Body, ThermalGeometry, about_middle
 from thermofit.body.heat.effects import (
     HeatEffects,
     Loads,
     Moment,
-    about_middle,
     add_slopes,
     heat_effects,
     inflow_of,

@@ -8,9 +8,9 @@ import numpy as np
 
 from thermofit.body.body import Body, thermal_geometry
 from thermofit.body.heat.conduction import HeatConditions, HeatStep, expansion_capacity, heat_step, same_step, stored_heat
-from thermofit.body.heat.effects import source_heat
 from thermofit.body.heat.equation import heat_of_increment, smallest_dissipation
 from thermofit.body.heat.fixed_stress import STRONG, left_of
+from thermofit.body.heat.sources import source_heat
 from thermofit.body.heat.structure import structure_heat
 from thermofit.body.sensitivity.march import StepEnds
 from thermofit.body.solve.history import Balance, State, point_history, top_displacement

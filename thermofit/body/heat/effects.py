@@ -2,7 +2,8 @@
 
     surface_flux(theta, time, surroundings, *params)              outward flux, mW/mm^2 of current area, on the facet sets of ON
     boundary_temperature(y, time, elapsed, *params)               change of the medium's temperature, K, on the facet sets of ON
-    heat_source(theta, accumulated, rate, time, x, y, *params)    power, mW/mm^3 of reference volume
+    heat_source(theta, accumulated, rate, time, x, y, *params)    power, mW/mm^3 of reference volume; where it depends on place and
+                                                                  time alone heat_source(time, x, y, *params)
     capacity(theta, theta_ref, *params)                           factor of c0
     conductivity(theta, theta_ref, *params)                       factor of kappa
     initial_temperature(x, y, length, *params)                    excess over the steady temperature at the first time, K
@@ -24,11 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from thermofit.body.body import Body, ThermalGeometry
-from thermofit.body.element.hex8 import ElementData
+from thermofit.body.body import Body, ThermalGeometry, about_middle
 from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.core.errors import NumericsError
-from thermofit.core.jit import kernel
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import HEAT, effects
 from thermofit.law.page_rates import STEP
@@ -48,6 +47,8 @@ class Acting:
     act: Callable[..., Any]
     on: tuple[str, ...]
     numbers: tuple[Number, ...]
+    of_place: Callable[..., Any] | None = None
+    """The function of (time, x, y, *numbers) of a heat source that depends on nothing else."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,6 @@ class HeatEffects:
         found = self.of("boundary_temperature", facets)
         return np.asarray(sum((e.act(y, time, time - first, *e.numbers) for e in found), start=np.zeros_like(y)))
 
-    def source(self, theta: np.ndarray, flow: tuple[np.ndarray, np.ndarray], time: float, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Power of all sources, mW/mm^3; flow = Lambda and its rate, `at` = x, y of the points."""
-        return np.asarray(sum(e.act(theta, *flow, time, *at, *e.numbers) for e in self.of("heat_source")))
-
     def initial(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Excess over the steady temperature, K (n_np,)."""
         length = float(np.ptp(y))
@@ -98,7 +95,7 @@ def heat_effects(parameters: Parameters) -> HeatEffects | None:
     found: dict[str, tuple[Acting, ...]] = {}
     for e in effects(HEAT):
         if e.is_on(parameters):
-            acting = Acting(e.name, e.act, e.on, tuple(parameters[name] for name in e.names))
+            acting = Acting(e.name, e.act, e.on, tuple(parameters[name] for name in e.names), e.of_place)
             found[e.slot] = (*found.get(e.slot, ()), acting)
     return HeatEffects(found, parameters["theta_ref"]) if found else None
 
@@ -110,12 +107,6 @@ class Moment:
     first: float
     start: float
     middle: np.ndarray
-
-
-def about_middle(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Reference coordinates x, y of the nodes (n_np,) mm, y from the middle of the body."""
-    x, y = body.mesh.nodes[:, 0], body.mesh.nodes[:, 1]
-    return x, y - 0.5 * (y.min() + y.max())
 
 
 @dataclass(frozen=True)
@@ -231,65 +222,3 @@ def power_of(geometry: ThermalGeometry, coefficients: Mapping[str, float], loads
     for name in loads.flux:
         power[name] += float(geometry.film_area[name] @ loads.flux_at(name, theta))
     return power
-
-
-Flow = tuple[np.ndarray, np.ndarray]
-"""Lambda at the points at the start of a step, and its change in it, each (n_el, 8)."""
-
-
-def at_points(body: Body, nodal: np.ndarray) -> np.ndarray:
-    """Nodal fields (n_np, ...) at the Gauss points (n_el, 8, ...)."""
-    return np.asarray(np.einsum("qa,ea...->eq...", body.data.shape, nodal[body.mesh.hexes]))
-
-
-Instants = tuple[tuple[float, Flow, float], ...]
-"""Weight, Lambda with its rate, each (n_el, 8), and time of the instants over which a mean of a step is taken."""
-Place = tuple[np.ndarray, np.ndarray]
-"""x and y of the points, each (n_el, 8) mm."""
-
-
-def instants(flow: Flow, moment: Moment, length: float) -> Instants:
-    """Instants of a step in which Lambda grows evenly."""
-    rate = flow[1] / length
-    return tuple((weight, (flow[0] + part * flow[1], rate), moment.start + part * length) for weight, part in INSTANTS)
-
-
-def place_of_points(body: Body) -> Place:
-    """Where the points are, from the middle of the body."""
-    x, y = (at_points(body, c) for c in about_middle(body))
-    return x, y
-
-
-def point_power(effect: HeatEffects, theta: np.ndarray, when: Instants, place: Place) -> np.ndarray:
-    """Mean power (n_el, 8) in mW/mm^3 of all sources over the instants of a step at theta (n_el, 8) K."""
-    total = np.zeros_like(theta)
-    for weight, flow, time in when:
-        total = total + weight * effect.source(theta, flow, time, place)
-    return total
-
-
-def nodal_heat(body: Body, density: np.ndarray) -> np.ndarray:
-    """Nodal heat int N_a density dV, (n_np, ...), of densities (n_el, 8, ...) at the points."""
-    several = np.ascontiguousarray(density.reshape(*density.shape[:2], -1))
-    out = np.zeros((body.mesh.n_nodes, several.shape[2]))
-    _add_nodal_heat(body.data, several, out)
-    return out.reshape(body.mesh.n_nodes, *density.shape[2:])
-
-
-@kernel
-def _add_nodal_heat(data: ElementData, density: np.ndarray, out: np.ndarray) -> None:
-    """out (n_np, k) += int N_a density dV of densities (n_el, 8, k)."""
-    for e in range(density.shape[0]):
-        for q in range(8):
-            for a in range(8):
-                share, node = data.volume[e, q] * data.shape[q, a], data.hexes[e, a]
-                for k in range(density.shape[2]):
-                    out[node, k] += share * density[e, q, k]
-
-
-def source_heat(body: Body, effect: HeatEffects | None, flow: Flow, moment: Moment | None, length: float) -> np.ndarray | None:
-    """Nodal heat (n_np,) mJ that the sources set free in a step; None where there are none."""
-    if effect is None or moment is None or not effect.of("heat_source"):
-        return None
-    power = point_power(effect, at_points(body, moment.middle), instants(flow, moment, length), place_of_points(body))
-    return nodal_heat(body, length * power)

@@ -121,8 +121,9 @@ class PointStates(NamedTuple):
 
 
 def at_points(data: ElementData, nodal: np.ndarray) -> np.ndarray:
-    """A nodal field (n_np,) at the Gauss points (n_el, 8)."""
-    return np.ascontiguousarray(nodal[data.hexes] @ data.shape.T)
+    """Nodal fields (n_np,) or (n_np, m) at the Gauss points (n_el, 8) or (n_el, 8, m)."""
+    of_corners = nodal[data.hexes]
+    return np.ascontiguousarray(of_corners @ data.shape.T if nodal.ndim == 1 else data.shape @ of_corners)
 
 
 @kernel

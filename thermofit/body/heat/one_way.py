@@ -14,9 +14,9 @@ import numpy as np
 
 from thermofit.body.body import Body, ThermalGeometry, thermal_geometry
 from thermofit.body.heat.conduction import HeatConditions, HeatStep, at_constant_stress, heat_step, steady_temperature
-from thermofit.body.heat.effects import source_heat
 from thermofit.body.heat.equation import Increment, PointStates, add_released_heat
 from thermofit.body.heat.films import conditions_of
+from thermofit.body.heat.sources import source_heat
 from thermofit.body.heat.structure import structure_heat
 from thermofit.body.sensitivity.conduction_rates import add_effect_sources, condition_rates, heat_step_rates, steady_rates
 from thermofit.body.sensitivity.heat_rates import frozen_source_rates, source_law

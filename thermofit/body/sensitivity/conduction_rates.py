@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.body.body import Body, ThermalGeometry
+from thermofit.body.body import Body, ThermalGeometry, about_middle
 from thermofit.body.heat.conduction import GAMMA, HeatConditions, HeatStep, at_constant_stress, exchange, heat_conditions, steady_system
-from thermofit.body.heat.effects import Flow, Loads, Moment, about_middle, weighted_conduction
+from thermofit.body.heat.effects import Loads, Moment, weighted_conduction
+from thermofit.body.heat.sources import Flow
 from thermofit.body.sensitivity.heat_effect_rates import (
     Along,
     Moved,

@@ -11,30 +11,16 @@ central difference of complex steps in theta. A dormant effect takes part throug
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from thermofit.body.body import Body, ThermalGeometry
+from thermofit.body.body import Body, ThermalGeometry, about_middle
 from thermofit.body.element.hex8 import ElementData
-from thermofit.body.heat.effects import (
-    Flow,
-    HeatEffects,
-    Instants,
-    Media,
-    Moment,
-    Place,
-    about_middle,
-    at_points,
-    instants,
-    mean_flux,
-    nodal_heat,
-    place_of_points,
-    point_power,
-    slope_of,
-    stage_media,
-)
+from thermofit.body.heat.effects import Acting, HeatEffects, Media, Moment, mean_flux, slope_of, stage_media
+from thermofit.body.heat.equation import at_points
+from thermofit.body.heat.sources import Flow, Instants, instants, nodal_heat, of_place, of_state, power_by_place, power_by_state
 from thermofit.body.sensitivity.lanes import multiply_directions
 from thermofit.body.sensitivity.shape_rates import add_conduction_rates, add_film_rates
 from thermofit.body.solve.linear import multiply_symmetric
@@ -219,29 +205,40 @@ def source_rates(
     """Rates (n_np, m) in mJ of `source_heat`; flow_rates (n_el, 8, m) are those of Lambda at the start and of its change, None where the
     mechanics stays as it is. None where there are no sources."""
     moment, length = when
-    theta, effect, moved = at_points(body, moment.middle), along.effect, along.directions("heat_source")
-    acts = effect is not None and bool(effect.of("heat_source"))
-    if not acts and not moved:
+    felt = () if along.effect is None else of_state(along.effect.of("heat_source"))
+    moved = [(column, _moved(there.of("heat_source"))) for column, there, _ in along.directions("heat_source")]
+    by_place, by_state = ([(column, mine) for column, sources in moved if (mine := part(sources))] for part in (of_place, of_state))
+    if not felt and not by_place and not by_state:
         return None
-    place, now = place_of_points(body), instants(flow, moment, length)
-    out = np.zeros((body.mesh.n_nodes, along.m))
-    if effect is not None and acts:
-        density = _derivative(effect, theta + 1j * STEP, now, place) * at_points(body, middle_rates)
+    now, out = instants(flow, moment, length), np.zeros((body.mesh.n_nodes, along.m))
+    if by_place:
+        power = np.stack([power_by_place(body, mine, now).imag / STEP for _, mine in by_place], axis=1)
+        out[:, [column for column, _ in by_place]] += body.plane.heat @ (length * power)
+    if not felt and not by_state:
+        return out
+    theta = at_points(body.data, moment.middle)
+    if felt:
+        density = _by_state(body, felt, theta + 1j * STEP, now) * at_points(body.data, middle_rates)
         if flow_rates is not None:
             earlier, faster = (flow[0] + 1j * STEP, flow[1]), (flow[0], flow[1] + 1j * STEP)
-            density += _derivative(effect, theta, instants(earlier, moment, length), place) * flow_rates[0]
-            density += _derivative(effect, theta, instants(faster, moment, length), place) * flow_rates[1]
+            density += _by_state(body, felt, theta, instants(earlier, moment, length)) * flow_rates[0]
+            density += _by_state(body, felt, theta, instants(faster, moment, length)) * flow_rates[1]
         out += nodal_heat(body, length * density)
-    if moved:
-        own = np.concatenate([_derivative(there, theta, now, place) for _, there, _ in moved], axis=2)
+    if by_state:
+        own = np.concatenate([_by_state(body, mine, theta, now) for _, mine in by_state], axis=2)
         if np.any(own):
-            out[:, [column for column, _, _ in moved]] += nodal_heat(body, length * own)
+            out[:, [column for column, _ in by_state]] += nodal_heat(body, length * own)
     return out
 
 
-def _derivative(effect: HeatEffects, theta: np.ndarray, when: Instants, place: Place) -> np.ndarray:
-    """Derivative (n_el, 8, 1) of the power of the sources along what is moved by i h."""
-    return np.asarray(point_power(effect, theta, when, place).imag[:, :, None] / STEP)
+def _moved(sources: Sequence[Acting]) -> tuple[Acting, ...]:
+    """Those of the sources with a number that is moved by i h: the power of the others has no imaginary part."""
+    return tuple(e for e in sources if any(np.imag(x) != 0.0 for x in e.numbers))
+
+
+def _by_state(body: Body, sources: Sequence[Acting], theta: np.ndarray, when: Instants) -> np.ndarray:
+    """Derivative (n_el, 8, 1) of the power of sources along what is moved by i h."""
+    return np.asarray(power_by_state(body, sources, theta, when).imag[:, :, None] / STEP)
 
 
 def initial_rates(body: Body, along: Along) -> np.ndarray:

@@ -314,6 +314,18 @@ def test_dormant_is_exactly_off_and_its_influence_is_known(name: str) -> None:
     assert np.abs(off.theta - plain.theta).max() < 1e-6
 
 
+def test_influence_of_what_is_off_stands_in_its_own_direction() -> None:
+    """All at once and among others each is what it is alone, where the jaws' temperature moves too."""
+    names = ("kappa", *AMPLITUDES, "theta_clamp", "c0")
+    _, together = run(names)
+    for k in (0, 1, len(AMPLITUDES) // 2, len(AMPLITUDES), len(names) - 2):
+        _, alone = run((names[k],))
+        assert np.abs(alone).max() > 0.0 and np.abs(together[..., k] - alone[..., 0]).max() < 1e-6 * np.abs(alone).max(), names[k]
+    for name in ("radiation.emissivity", "clamp_step.step", "capacity_by_temperature.slope", "conductivity_by_temperature.slope"):
+        _, alone = run((name,))
+        assert np.abs(together[..., names.index(name)] - alone[..., 0]).max() < 1e-6 * np.abs(alone).max() > 0.0, name
+
+
 def test_nothing_is_evaluated_while_all_are_off(monkeypatch: pytest.MonkeyPatch) -> None:
     def told(*_: Any) -> None:
         raise AssertionError("an effect was evaluated")

@@ -24,6 +24,7 @@ from thermofit.body.heat.conduction import GAMMA, HeatConditions, HeatStep, at_c
 from thermofit.body.heat.effects import Loads, Moment, weighted_conduction
 from thermofit.body.heat.sources import Flow
 from thermofit.body.sensitivity.heat_effect_rates import (
+    LOADS,
     Along,
     Moved,
     capacity_supply,
@@ -144,17 +145,25 @@ def heat_step_rates(
     for k in range(len(step.stages)):
         supplies.append(losses[k] @ lanes + supply)
         if effects is not None:
-            supplies[k] += effects[k]
+            columns, owed = effects
+            supplies[k][:, columns] += owed[k][:, : len(columns)]
         if shape is not None:
             supplies[k] -= gamma * step.length * shape[k]
     return _through_stages(body, step, start_rates, supplies)
 
 
-def _effect_supplies(body: Body, step: HeatStep, states: tuple[np.ndarray, np.ndarray], rates: ConditionRates) -> list[np.ndarray] | None:
-    """What effects add to the supplies (n_np, m) of the stages; states = theta at start and end of the stages, each (n_np, 2)."""
+def _effect_supplies(
+    body: Body, step: HeatStep, states: tuple[np.ndarray, np.ndarray], rates: ConditionRates
+) -> tuple[np.ndarray, list[np.ndarray]] | None:
+    """What effects add to the supplies of the stages: the directions that they act on (k,), and the supplies (n_np, k) of both, filled up;
+    states = theta at start and end of the stages, each (n_np, 2)."""
     along, moment = rates.along(step.conditions), step.conditions.moment
     if along.nothing or moment is None:
         return None
+    columns = along.felt_by(LOADS)
+    if not len(columns):
+        return None
+    along = along.only(columns)
     gamma, ends = (GAMMA, (GAMMA, 1.0)) if len(step.stages) == 2 else (1.0, (1.0, 1.0))
     linear = step.loads is not None and step.loads.linearised
     found = load_rates(body, along, (moment, step.length, ends), needed(rates.middle) if linear else None)
@@ -169,7 +178,7 @@ def _effect_supplies(body: Body, step: HeatStep, states: tuple[np.ndarray, np.nd
         if "capacity" in found.factors:
             supply = supply + step.conditions.c0 * capacity_supply(body, found.factors["capacity"], start - theta)
         out.append(supply)
-    return out
+    return columns, out
 
 
 def usual_change(parameters: Parameters, name: str) -> float:

@@ -12,7 +12,7 @@ central difference of complex steps in theta. A dormant effect takes part throug
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,6 +31,8 @@ _WARMER = 0.05
 """K; step of the difference of slopes by theta."""
 _AROUND = np.array([0.0, _WARMER, -_WARMER])
 _FACTORS = ("capacity", "conductivity")
+LOADS = (*_FACTORS, "surface_flux", "boundary_temperature")
+"""Slots of effects that change the matrices of a step or what its films and fluxes bring."""
 Moved = tuple[HeatEffects | None, ...]
 """Per direction the effects with their numbers moved by i h; None where the direction moves none of them."""
 
@@ -62,6 +64,21 @@ class Along:
     def m(self) -> int:
         """Number of directions, filled up."""
         return len(next(iter(self.media.values())))
+
+    def felt_by(self, slots: Sequence[str]) -> np.ndarray:
+        """Directions (k,) that effects of some slots act on: all where an effect is on, for it feels the temperature."""
+        if self.effect is not None:
+            return np.arange(self.m)
+        return np.array([k for k, e in enumerate(self.moved) if e is not None and any(e.of(slot) for slot in slots)], dtype=int)
+
+    def only(self, columns: np.ndarray) -> Along:
+        """The same along some of the directions, filled up."""
+        if len(columns) == self.m:
+            return self
+        media = {name: np.zeros(padded(len(columns))) for name in self.media}
+        for name, rates in media.items():
+            rates[: len(columns)] = self.media[name][columns]
+        return replace(self, media=media, moved=tuple(self.moved[k] for k in columns))
 
     def directions(self, slot: str, facets: str = "") -> list[tuple[int, HeatEffects, complex]]:
         """Directions that effects of a slot feel: column, effects, and the medium of the facet set, moved."""

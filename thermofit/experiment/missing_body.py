@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
 
 from thermofit.body.body import Body, about_middle, thermal_geometry
 from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, ends_of_stages, heat_step
@@ -17,6 +16,7 @@ from thermofit.body.heat.effects import INSTANTS
 from thermofit.body.heat.equation import at_points
 from thermofit.body.heat.films import conditions_of
 from thermofit.body.heat.sources import nodal_heat
+from thermofit.body.sensitivity.conduction_rates import through_stages
 from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.film_exchange import FILM_UNIT
@@ -287,7 +287,9 @@ class BodyMissing:
                 heat = [step.length * mine * s[n, active] for s in strength]
                 if amount is not None:
                     heat, active = [(h @ amount[active])[:, None] for h in heat], np.zeros(1, dtype=int)
-                state[:, active] = _answered(self.body, step, np.ascontiguousarray(state[:, active]), heat)
+                gamma = 1.0 if len(step.stages) == 1 else GAMMA
+                supplies = [gamma * heat[min(stage, len(heat) - 1)] for stage in range(len(step.stages))]
+                state[:, active] = through_stages(self.body, step, np.ascontiguousarray(state[:, active]), supplies)
             yield n + 1, state
 
     def _through(self, kind: str, step: HeatStep, films: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -382,24 +384,3 @@ def _shown_directly(grid: Grid, seen: FieldObservation, chosen: np.ndarray) -> n
         own = np.flatnonzero(component == c)
         out[:, :, c, own] = in_time[:, None, own] * in_place[None, :, own]
     return seen.averaged(out)
-
-
-def _answered(body: Body, step: HeatStep, start: np.ndarray, heat: Sequence[np.ndarray]) -> np.ndarray:
-    """Temperatures (n_np, m) at the end of a step that starts at `start` and gets the nodal heat (n_np, m) mJ, nothing else: one for all
-    stages, or one for each."""
-    p = body.thermal
-    gamma, stages = (1.0, 1) if len(step.stages) == 1 else (GAMMA, 2)
-    capacity = _full(p.row, p.column, step.conditions.c0 * step.capacity, p.n)
-    begin, theta = start, start
-    for stage in range(stages):
-        theta = step.factor.solve(np.ascontiguousarray(capacity @ begin + gamma * heat[min(stage, len(heat) - 1)]))
-        begin = start + (1.0 - gamma) / gamma * (theta - start)
-    return np.asarray(theta)
-
-
-def _full(row: np.ndarray, column: np.ndarray, data: np.ndarray, n: int) -> csr_array:
-    """A symmetric matrix from its lower triangle."""
-    below = row != column
-    values = np.concatenate([data, data[below]])
-    place = (np.concatenate([row, column[below]]), np.concatenate([column, row[below]]))
-    return csr_array(coo_array((values, place), shape=(n, n)))

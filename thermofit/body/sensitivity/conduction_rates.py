@@ -35,6 +35,7 @@ from thermofit.body.sensitivity.heat_effect_rates import (
     load_rates,
     moving_conduction,
     moving_flux,
+    multiply_some,
     needed,
     source_rates,
     surface_loss,
@@ -149,7 +150,7 @@ def heat_step_rates(
             supplies[k][:, columns] += owed[k][:, : len(columns)]
         if shape is not None:
             supplies[k] -= gamma * step.length * shape[k]
-    return _through_stages(body, step, start_rates, supplies)
+    return through_stages(body, step, start_rates, supplies)
 
 
 def _effect_supplies(
@@ -209,20 +210,29 @@ def add_effect_sources(
 def heat_answer(body: Body, step: HeatStep, heat_rates: np.ndarray) -> np.ndarray:
     """What `heat_step_rates` owes to the nodal heat (n_np, m) alone: R h, also of one nodal heat (n_np,) mJ."""
     gamma = GAMMA if len(step.stages) == 2 else 1.0
-    return _through_stages(body, step, np.zeros_like(heat_rates), [gamma * heat_rates] * len(step.stages))
+    return through_stages(body, step, np.zeros_like(heat_rates), [gamma * heat_rates] * len(step.stages))
 
 
-def _through_stages(body: Body, step: HeatStep, start_rates: np.ndarray, supplies: Sequence[np.ndarray]) -> np.ndarray:
-    """Rates (n_np, m) at the end of a step whose stages get the supplies (n_np, m) beside the heat stored at their start."""
-    p, capacity = body.thermal, step.conditions.c0 * step.capacity
-    times = multiply_symmetric if start_rates.ndim == 1 else multiply_directions
+def through_stages(body: Body, step: HeatStep, start_rates: np.ndarray, supplies: Sequence[np.ndarray]) -> np.ndarray:
+    """Rates (n_np, m), or of one direction (n_np,), at the end of a step whose stages get the supplies, of the same shape, beside the heat
+    stored at their start; of a step that is linear in its sources also the temperatures that they make."""
+    capacity = step.conditions.c0 * step.capacity
     gamma, from_rates = GAMMA if len(step.stages) == 2 else 1.0, start_rates
     for supply in supplies:
-        right = times(p.row, p.column, capacity, from_rates)
+        right = _multiply(body, capacity, from_rates)
         right += supply
         theta_rates = np.ascontiguousarray(step.factor.solve(right))
         from_rates = start_rates + (1.0 - gamma) / gamma * (theta_rates - start_rates)
     return theta_rates
+
+
+def _multiply(body: Body, data: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """K x for one vector (n_np,) or any number of them (n_np, m) of a symmetric matrix with the non-zeros `data` (n_slots,)."""
+    p = body.thermal
+    if x.ndim == 1:
+        return np.asarray(multiply_symmetric(p.row, p.column, data, x))
+    filled = padded(x.shape[1]) == x.shape[1]
+    return np.asarray(multiply_directions(p.row, p.column, data, x)) if filled else multiply_some(body, data, x)
 
 
 def _losses(

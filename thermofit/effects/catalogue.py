@@ -162,7 +162,7 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     span = float(getattr(module, "SPAN", 0.0))
     last = bool(getattr(module, "LAST", False))
     twin = getattr(module, "twin", None)
-    of_place = act if slot == "heat_source" and len(inspect.signature(act).parameters) == len(PLACE_AND_TIME) + len(params) else None
+    of_place = act if slot == "heat_source" and tuple(inspect.signature(act).parameters)[:3] == PLACE_AND_TIME else None
     return Effect(
         name,
         slot,

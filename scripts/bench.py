@@ -34,6 +34,7 @@ import bench_point
 import bench_runs
 import bench_sheet
 import bench_start
+import bench_structure
 from bench_document import Measured, document, load, save, show
 from bench_measure import ROOT, Limits, Options, Part
 
@@ -44,6 +45,7 @@ SECTIONS: dict[str, Callable[[Options, Limits], Part]] = {
     "machine": bench_machine.measure,
     "kernel": bench_kernel.measure,
     "runs": bench_runs.measure,
+    "structure": bench_structure.measure,
     "sheet": bench_sheet.measure,
     "growth": bench_growth.measure,
     "point": bench_point.measure,

@@ -24,7 +24,7 @@ from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.jit import set_threads
-from thermofit.core.parameters import NAMES
+from thermofit.core.parameters import NAMES, Parameters
 
 IDENTIFIED = ("E", "nu", "M_y0", "M_yinf", "H_exp", "F", "alpha_exp", "c0")
 LOADING = Loading(np.array([0.0, 3.0, 8.0, 150.0, 160.0, 400.0]), np.array([0.0, 0.0, 4000.0, 7100.0, 0.0, 0.0]))
@@ -42,13 +42,18 @@ TIGHT = MarchSettings(newton=NewtonSettings(tolerance=1e-9, max_iterations=80), 
 """Settings of the reference run beside which accuracy is stated."""
 
 
-def forward(body: Body, steps: int, settings: MarchSettings | None = None) -> History:
+def forward(body: Body, steps: int, settings: MarchSettings | None = None, parameters: Parameters = PARAMETERS) -> History:
     """One coupled run, at the default accuracy or another."""
-    return march(body, PARAMETERS, LOADING, step_times(steps), settings or MarchSettings(keep_points=True))
+    return march(body, parameters, LOADING, step_times(steps), settings or MarchSettings(keep_points=True))
 
 
 def forward_with_sensitivities(
-    body: Body, names: Sequence[str], steps: int, settings: MarchSettings | None = None, tolerance: float | None = None
+    body: Body,
+    names: Sequence[str],
+    steps: int,
+    settings: MarchSettings | None = None,
+    tolerance: float | None = None,
+    parameters: Parameters = PARAMETERS,
 ) -> np.ndarray:
     """One coupled run with derivatives along the named parameters; returns those of what the cameras see, the face, at all recorded times.
 
@@ -63,7 +68,7 @@ def forward_with_sensitivities(
 
     asked = Sensitivities(tuple(names), collect)
     asked = asked if tolerance is None else replace(asked, tolerance=tolerance)
-    march(body, PARAMETERS, LOADING, step_times(steps), settings or MarchSettings(), Watch(sensitivities=asked))
+    march(body, parameters, LOADING, step_times(steps), settings or MarchSettings(), Watch(sensitivities=asked))
     return seen
 
 

@@ -256,6 +256,13 @@ def test_diagnosis_section_scores_the_catalogue(scripts: Any, measure: ModuleTyp
     assert 0.0 < forward < whole and "dormant effects" in part.rows[-1].name and part.targets[0].met is not None
 
 
+def test_structure_section_runs_with_each_effect_on(scripts: Any, measure: ModuleType, tmp_path: Path) -> None:
+    options = measure.Options(mesh=(2, 8, 1), repeat=1, threads=1, quick=True, scratch=tmp_path)
+    part = scripts("bench_structure").measure(options, measure.Limits(0.03, 60.0, 40.0))
+    runs = [row for row in part.rows if row.name.startswith("coupled run")]
+    assert len(part.rows) == 4 * len(runs) == 12 and all(row.seconds is not None and row.seconds > 0.0 for row in part.rows)
+
+
 @pytest.mark.slow
 def test_point_section_agrees_with_the_body(scripts: Any) -> None:
     """The deviation that the benchmark prints is that of the same bar: below the promised 1e-6, and no exact zero."""

@@ -283,11 +283,10 @@ def felt_by_heat(moved: tuple[Law, ...]) -> Felt:
     """Felt of the law with no number moved by i h, then with each of several: what matters at any of several general points. Of what is
     not felt there no derivative has to be made, point by point and step by step."""
     points = FLOWED.reshape(-1, 8)
-    sense = np.where(np.arange(8) % 2 == 0, -0.3, 0.4) + 0.0 * points
     square = tuple(np.stack([share * points**2] * N_BACK) for share in (0.31, 0.47, 0.83))
     change = PointChange(
         0.0011 + 0.0 * points, 0.0017 + 0.0 * points, 0.036 * points, 0.017 * points, 0.007 * points, 3.003 + 0.0 * points,
-        3.005 + 0.0 * points, sense, *square,
+        3.005 + 0.0 * points, -0.3 + 0.0 * points, *square,
     )  # fmt: skip
     warm, warm_n, out = 297.3 + 0.0 * points, 296.1 + 0.0 * points, np.empty_like(points)
 

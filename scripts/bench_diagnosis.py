@@ -24,10 +24,14 @@ def measure(options: Options, limits: Limits) -> Part:
     parameters = Parameters.of(body.TRUTH, free)
     strain = max(float(points.accumulated.max()) for points in asked.joint.shown(parameters)[0].points)
     case = asked.case(asked.joint, data, parameters, strain)
-    # A joint model does not repeat its last run: a parameter that is moved by nothing that matters asks for another.
     numbers = iter(range(10**6))
-    forward = cpu(lambda: model.residual(parameters.replace(E=parameters["E"] + 1e-3 * next(numbers))), options.repeat)
-    fitted = cpu(lambda: model.linearised(parameters, free), options.repeat)
+
+    def moved() -> Parameters:
+        """A joint model does not repeat its last run: a parameter that is moved by nothing that matters asks for another."""
+        return parameters.replace(E=parameters["E"] + 1e-3 * next(numbers))
+
+    forward = cpu(lambda: model.residual(moved()), options.repeat)
+    fitted = cpu(lambda: model.linearised(moved(), free), options.repeat)
     whole = cpu(lambda: linearised(case), options.repeat)
     columns = sum(len(e.amplitudes) * (len(scans(e, case)) if acts_in_heat(e) else 1) for e in case.dormant())
     rows = (

@@ -127,6 +127,20 @@ def test_what_is_wrong_is_said(tmp_path: Path, slot: str, result: str, said: str
     assert said in str(error.value) and f"my_effect.py: function '{slot_of(slot)}'" in str(error.value), error.value
 
 
+def test_a_source_that_forgets_its_params_is_not_one_of_place(tmp_path: Path) -> None:
+    """As many arguments as one of place and time with three Params has: names tell them apart, not the number."""
+    path = tmp_path / "my_effect.py"
+    others = ", ".join(f"Param('my_effect.{n}', '1', 1.0, -5.0, 5.0, 0.1, 'a number', scan=(1.0,))" for n in "bc")
+    path.write_text(
+        "import numpy as np\nfrom thermofit.core.parameters import Param\nSLOT, FORMULA, SOURCE = 'heat_source', 'made up', 'made up'\n"
+        f"PARAMS = (Param('my_effect.a', '1', 0.0, -5.0, 5.0, 0.1, 'amplitude', probe=0.5), {others})\n"
+        "def heat_source(theta, accumulated, rate, time, x, y):\n    return 0.0 * rate * time\n"
+    )
+    load_effect(path)
+    with pytest.raises(StudyError, match="takes 6 positional arguments but 9 were given"):
+        try_effect(effect("my_effect"), path, trial_of("heat_source"))
+
+
 def test_unlisted_terms_pass(tmp_path: Path) -> None:
     """The effect files that a diagnosis writes are such files."""
     grid = Grid(np.array([0.0, 20.0, 45.0]), np.zeros(3, dtype=int), np.array([0.0, 6.0]), np.array([-20.0, 1.0, 20.0]))

@@ -40,7 +40,6 @@ from thermofit.body.sensitivity.heat_effect_rates import (
     source_rates,
     surface_loss,
 )
-from thermofit.body.sensitivity.lanes import multiply_directions
 from thermofit.body.sensitivity.shape_rates import add_conduction_rates, add_film_rates
 from thermofit.body.solve.linear import Factor, multiply_symmetric
 from thermofit.core.errors import NumericsError
@@ -229,10 +228,7 @@ def through_stages(body: Body, step: HeatStep, start_rates: np.ndarray, supplies
 def _multiply(body: Body, data: np.ndarray, x: np.ndarray) -> np.ndarray:
     """K x for one vector (n_np,) or any number of them (n_np, m) of a symmetric matrix with the non-zeros `data` (n_slots,)."""
     p = body.thermal
-    if x.ndim == 1:
-        return np.asarray(multiply_symmetric(p.row, p.column, data, x))
-    filled = padded(x.shape[1]) == x.shape[1]
-    return np.asarray(multiply_directions(p.row, p.column, data, x)) if filled else multiply_some(body, data, x)
+    return np.asarray(multiply_symmetric(p.row, p.column, data, x)) if x.ndim == 1 else multiply_some(body, data, x)
 
 
 def _losses(

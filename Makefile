@@ -6,6 +6,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # What a user needs, without what only developing needs.
 RUN_STAMP := $(VENV)/.installed-to-run
+# Without bytecode of what is never imported, which is most of it: that of a module is written when it is first read.
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 # Mesh of thesis and exp1 to exp3: coarse or full.
 MESH ?= full
 # Drawn experiments of each of exp1 and exp3.
@@ -51,11 +53,11 @@ install: $(STAMP)
 $(RUN_STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "thermofit needs Python >= 3.11, found " + sys.version.split()[0] + ": make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(INSTALL) -e .
 	touch $@
 
 $(STAMP): $(RUN_STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	$(INSTALL) -e '.[dev]'
 	touch $@
 
 demo: $(RUN_STAMP)
@@ -66,12 +68,12 @@ test: install
 
 # The notebooks and the fields for ParaView are tried here alone: what they need is large.
 test-slow: install
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
+	$(INSTALL) -e '.[dev,notebook,paraview]'
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow
 
 # A part of the slow tests that every change has to pass. Without a Chromium the report is not looked at, and the tests say so.
 as-written: install
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
+	$(INSTALL) -e '.[dev,notebook,paraview]'
 	$(BIN)/python -m pytest -q -n $(JOBS) -m as_written
 
 lint: install
@@ -93,7 +95,7 @@ schema: install
 	$(BIN)/python scripts/write_schema.py
 
 bench: install
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
+	$(INSTALL) -e '.[bench]'
 	$(BIN)/python scripts/bench.py --write docs/performance.md
 
 # Finished draws are rows of docs/coverage.jsonl: remove it to begin anew.
@@ -106,7 +108,7 @@ dead-ends: install
 	$(BIN)/python -m pytest -q -n $(JOBS) -m slow tests/stages/test_dead_ends.py
 
 nightly: install
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,notebook,paraview]'
+	$(INSTALL) -e '.[dev,notebook,paraview]'
 	$(BIN)/python scripts/nightly.py -n $(JOBS)
 
 # Runs unattended and goes on where it was stopped; exit 1 where anything is not as it should be.

@@ -26,6 +26,7 @@ from thermofit.fit.settings import Hooks, Settings
 LEAST_SQUARES = ("least-squares", "gauss-newton")
 NEAR = [69000.0, 125.0, 310.0, 12.0, 0.30, 0.5]
 FAR = [50000.0, 200.0, 400.0, 5.0, 0.25, 1.0]
+FINE = Settings(x_tolerance=1e-6)
 SHARP = Settings(x_tolerance=1e-7, f_tolerance=1e-9, differences="central", max_evaluations=20000)
 
 
@@ -92,6 +93,33 @@ def test_exact_start_needs_one_run(method):
     clean = base.residual(BAR_TRUE)
     fit = minimise(exact(dataclasses.replace(base, residual=lambda x: base.residual(x) - clean)), method)
     assert fit.converged and fit.counts.forward == 1 and fit.f == 0.0
+
+
+def beside_the_optimum(factor):
+    """An exact problem that begins beside its optimum, with `factor` times the derivative of a point near by; the fit without that."""
+    plain = minimise(exact(bar_problem(NEAR)), settings=SHARP)
+    start = plain.x * (1.0 + 0.004 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]))
+    base = exact(bar_problem(start))
+    near_by = complex_step(base.residual, plain.x * 1.002)
+    return dataclasses.replace(base, first_jacobian=factor * near_by), minimise(base, settings=FINE), plain
+
+
+def test_a_jacobian_known_near_by_spares_the_first_one():
+    known, without, optimum = beside_the_optimum(1.0)
+    fit = minimise(known, settings=FINE)
+    assert fit.converged and (np.abs(fit.x - optimum.x) < 0.05 * optimum.sigma).all()
+    assert fit.log[0].purpose == "step" and {e.purpose for e in fit.log[1:]} == {"linearise"}
+    assert fit.counts.linearised < without.counts.linearised
+    assert np.array_equal(fit.jacobian, complex_step(known.residual, fit.x))
+
+
+@pytest.mark.parametrize("factor", [1e6, -1.0])
+def test_a_wrong_jacobian_is_left_for_the_own_one(factor):
+    """One that promises that nothing is left ends no search, and one that leads uphill is left after one trial."""
+    known, without, optimum = beside_the_optimum(factor)
+    fit = minimise(known, settings=FINE)
+    assert fit.converged and (np.abs(fit.x - optimum.x) < 0.05 * optimum.sigma).all()
+    assert fit.counts.linearised <= without.counts.linearised + (1 if factor < 0.0 else 0)
 
 
 @pytest.mark.parametrize("start", [[-1.2, 1.0], [-1.0, -1.0]])

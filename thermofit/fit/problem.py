@@ -34,8 +34,8 @@ class Problem:
     names: tuple[str, ...]
     linearise: LineariseFunction | None = None
     first_jacobian: np.ndarray | None = None
-    """dr/dx (n, n_p) near the start, for example of a coarser model: without `linearise`, least-squares begins with it and computes its
-    own at the end."""
+    """dr/dx (n, n_p) near the start, for example of a coarser model: least-squares makes its first step with it, and computes its own at
+    the end."""
 
     def __post_init__(self) -> None:
         if not self.names:

@@ -126,7 +126,8 @@ class SearchState:
 
 def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
     """Minimise r.r within bounds; where the problem has exact derivatives, every trial is a linearised run and nothing is updated, and
-    along directions in which the data say nothing the search stays where it is.
+    along directions in which the data say nothing the search stays where it is. A Jacobian that is known near the start leads to the
+    first trial; no search ends on it.
 
     A failed evaluation is rejected like one that raises f: the box shrinks to a quarter of the step. The limit of evaluations
     ends the search in any case. NumericsError if the start fails or a derivative cannot be had.
@@ -156,15 +157,21 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
 
 
 def _first(evaluations: Evaluations, settings: Settings) -> SearchState:
-    problem = evaluations.problem
-    if problem.linearise is not None:
+    """The start of a search. Where dr/dx is known near by, its residual alone is computed: a derivative costs a few runs, and tells more
+    at the first trial."""
+    problem, given = evaluations.problem, evaluations.problem.first_jacobian
+    exact, z = problem.linearise is not None, to_scaled(problem, problem.start)
+    if given is not None:
+        residual = evaluations.residual(problem.start)
+        if given.shape == (residual.size, len(problem.names)):
+            scaled = given * problem.scale
+            if exact:
+                return SearchState(z, residual, pinned(scaled, residual), FIRST_RADIUS_EXACT, fresh=False)
+            return SearchState(z, residual, scaled, FIRST_RADIUS, fresh=False)
+    if exact:
         return _exact(problem, problem.start, *evaluations.linearised(problem.start))
     residual = evaluations.residual(problem.start)
-    given = problem.first_jacobian
-    if given is not None and given.shape == (residual.size, len(problem.names)):
-        return SearchState(to_scaled(problem, problem.start), residual, given * problem.scale, FIRST_RADIUS, fresh=False)
-    jacobian = jacobian_at(evaluations, problem.start, settings) * problem.scale
-    return SearchState(to_scaled(problem, problem.start), residual, jacobian, FIRST_RADIUS)
+    return SearchState(z, residual, jacobian_at(evaluations, problem.start, settings) * problem.scale, FIRST_RADIUS)
 
 
 def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> SearchState:
@@ -178,9 +185,12 @@ def _exact(problem: Problem, x: np.ndarray, residual: np.ndarray, jacobian: np.n
 
 def _refresh(evaluations: Evaluations, state: SearchState, settings: Settings) -> SearchState:
     """The Jacobian computed at z. A box that shrank on account of an outdated one gets room again."""
-    problem = evaluations.problem
-    jacobian = jacobian_at(evaluations, from_scaled(problem, state.z), settings) * problem.scale
-    return replace(state, jacobian=jacobian, fresh=True, rejected=0, radius=max(state.radius, 10.0 * settings.x_tolerance))
+    problem, x = evaluations.problem, from_scaled(evaluations.problem, state.z)
+    radius = max(state.radius, 10.0 * settings.x_tolerance)
+    if problem.linearise is not None:
+        return replace(_exact(problem, x, *evaluations.linearised(x)), radius=radius)
+    jacobian = jacobian_at(evaluations, x, settings) * problem.scale
+    return replace(state, jacobian=jacobian, fresh=True, rejected=0, radius=radius)
 
 
 def _step(evaluations: Evaluations, state: SearchState, radius: float) -> Step:
@@ -221,6 +231,8 @@ def _advance(evaluations: Evaluations, state: SearchState, settings: Settings) -
             there = replace(there, curvature=learnt(state.curvature, state.local, there.local, there.z - state.z, accepted))
         if accepted:
             return replace(there, radius=_radius(state.radius, length, ratio))
+        if not state.fresh:
+            return _refresh(evaluations, state, settings)  # a wrong derivative tells nothing of the box
         rejected = replace(state, radius=0.25 * length, rejected=state.rejected + 1, failed=False)
         if state.curvature is None or there.curvature is None:
             return rejected

@@ -259,7 +259,7 @@ def stage_problem(
 ) -> tuple[Problem, FitVariables]:
     """What the optimiser sees of a stage that starts at `base`, and the map from its variables to the parameters.
 
-    `jacobian`: dr/dx (n, n_p) near `base` that a search without exact derivatives begins with.
+    `jacobian`: dr/dx (n, n_p) near `base` that a search begins with.
     """
     names, change = settings.free, fit_variables(settings.free, base)
     bounds = np.array([study.bounds(name) for name in names])

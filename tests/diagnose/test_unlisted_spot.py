@@ -34,6 +34,10 @@ def hats_at(grid: Grid) -> Basis:
     return Basis("heat", "mW/mm^3", grid, chosen, np.arange(len(T)), columns, roughness(grid, chosen))
 
 
+def shown_at(grid: Grid, amount: np.ndarray) -> np.ndarray:
+    return hats_at(grid).columns @ amount
+
+
 def seen(middle: float, spread: float, velocity: float = 0.0) -> tuple[LinearModel, Rows, Split]:
     """What a fit with a level and a slope leaves of a spot whose power comes and goes; it is at its middle at 50 s."""
     truth = 2.0 * (1.0 + np.sin(T / 15.0)) * norm.pdf(Y, middle + velocity * (T - 50.0), spread) * 50.0
@@ -47,7 +51,7 @@ def seen(middle: float, spread: float, velocity: float = 0.0) -> tuple[LinearMod
 def test_middle_and_spread_are_found(y: float, spread: float) -> None:
     """From beside it, from one of a third of its size, and from one that covers nearly all."""
     model, rows, split = seen(7.3, 3.0)
-    found = nearest(model, hats_at, replace(GRID, y=np.array([y]), spread=spread), rows, split, weight=1e-3, least=0.5)
+    found = nearest(model, hats_at, shown_at, hats_at(replace(GRID, y=np.array([y]), spread=spread)), rows, split, weight=1e-3, least=0.5)
     grid, m = found.basis.grid, GRID.size
     assert grid.y[0] == pytest.approx(7.3, abs=0.1) and grid.spread == pytest.approx(3.0, rel=0.02)
     assert found.basis.columns.shape[1] == m + 2 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
@@ -58,7 +62,7 @@ def test_velocity_is_found(y: float, velocity: float, spread: float) -> None:
     """From a slower one, a faster one and from rest; with the middle, which lies anywhere on its way, and the spread."""
     model, rows, split = seen(4.0, 3.0, 0.31)
     begin = replace(GRID, y=np.array([y]), spread=spread, along=velocity * (TIME - 40.0))
-    found = nearest(model, hats_at, begin, rows, split, weight=1e-3, least=0.5)
+    found = nearest(model, hats_at, shown_at, hats_at(begin), rows, split, weight=1e-3, least=0.5)
     grid, m = found.basis.grid, GRID.size
     assert grid.heights == pytest.approx(4.0 + 0.31 * (TIME - 50.0), abs=0.2) and grid.spread == pytest.approx(3.0, rel=0.03)
     assert found.basis.columns.shape[1] == m + 3 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
@@ -98,12 +102,18 @@ def on_a_mesh(grid: Grid) -> Basis:
     return replace(hats_at(shown), grid=grid)
 
 
+def shown_on_a_mesh(grid: Grid, amount: np.ndarray) -> np.ndarray:
+    return on_a_mesh(grid).columns @ amount
+
+
 @pytest.mark.parametrize("spread", [0.35, 0.45, 0.6])
 @pytest.mark.parametrize("truth", [2.5, 2.9])
 def test_the_middle_is_found_where_the_spread_is_not_shown(truth: float, spread: float) -> None:
     """A spot that is narrower than the mesh shows any asks for a step of the spread without end. That says nothing of the middle."""
     model, rows, split = seen(7.3, truth)
-    found = nearest(model, on_a_mesh, replace(GRID, y=np.array([7.3]), spread=spread), rows, split, weight=1e-3, least=0.3)
+    found = nearest(
+        model, on_a_mesh, shown_on_a_mesh, on_a_mesh(replace(GRID, y=np.array([7.3]), spread=spread)), rows, split, weight=1e-3, least=0.3
+    )
     m = GRID.size
     assert found.basis.grid.spread == pytest.approx(0.3) and found.basis.columns.shape[1] == m + 1
     assert np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:])
@@ -117,7 +127,7 @@ def test_a_search_that_was_cut_short_has_not_settled(monkeypatch: pytest.MonkeyP
     """A spread that would fall by more than one step lets it is fitted all the same: its step says how far off it is."""
     monkeypatch.setattr("thermofit.diagnose.unlisted_spot.MOST", 0)
     model, rows, split = seen(7.3, 1.5)
-    found = nearest(model, hats_at, replace(GRID, y=np.array([7.3]), spread=20.0), rows, split, weight=1e-3, least=0.1)
+    found = nearest(model, hats_at, shown_at, hats_at(replace(GRID, y=np.array([7.3]), spread=20.0)), rows, split, weight=1e-3, least=0.1)
     m = GRID.size
     assert found.basis.columns.shape[1] == m + 2 and found.q[-1] < -1.0 and found.basis.grid.spread == 20.0
 
@@ -125,7 +135,7 @@ def test_a_search_that_was_cut_short_has_not_settled(monkeypatch: pytest.MonkeyP
 def test_a_spot_grows_again_from_the_least() -> None:
     """Where it began, or where errors of the mesh had held it."""
     model, rows, split = seen(7.3, 3.0)
-    found = nearest(model, hats_at, replace(GRID, y=np.array([6.9]), spread=0.5), rows, split, weight=1e-3, least=0.5)
+    found = nearest(model, hats_at, shown_at, hats_at(replace(GRID, y=np.array([6.9]), spread=0.5)), rows, split, weight=1e-3, least=0.5)
     assert found.basis.grid.spread == pytest.approx(3.0, rel=0.02) and found.basis.columns.shape[1] == GRID.size + 2
 
 
@@ -137,7 +147,9 @@ def test_what_nobody_sees_has_no_place() -> None:
         hat = hats_at(grid)
         return replace(hat, columns=0.0 * hat.columns)
 
-    found = nearest(model, unseen, replace(GRID, y=np.array([6.9])), rows, split, weight=1e-3, least=0.5)
+    found = nearest(
+        model, unseen, lambda _, amount: np.zeros(len(T)), unseen(replace(GRID, y=np.array([6.9]))), rows, split, weight=1e-3, least=0.5
+    )
     assert found.basis.grid.y[0] == 6.9 and found.basis.grid.spread == 4.0 and np.all(found.q == 0.0)
 
 
@@ -165,7 +177,7 @@ def test_a_search_knows_what_the_field_knows() -> None:
 def test_a_spot_is_no_narrower_than_the_mesh_shows() -> None:
     """Of one that would be, the spread is held at the least, and not fitted."""
     model, rows, split = seen(7.3, 0.8)
-    found = nearest(model, hats_at, GRID, rows, split, weight=1e-3, least=2.0)
+    found = nearest(model, hats_at, shown_at, hats_at(GRID), rows, split, weight=1e-3, least=2.0)
     assert found.basis.grid.spread == 2.0 and found.basis.grid.y[0] == pytest.approx(7.3, abs=0.5)
     assert found.basis.columns.shape[1] == GRID.size + 1
 
@@ -198,6 +210,31 @@ def one() -> tuple[Traced, Unlisted, Unlisted]:
     spot, why = as_spot(here, found)
     assert spot is not None and why == ""
     return here, found, spot
+
+
+def test_a_place_that_is_moved_a_little_is_asked_for_its_coefficients_alone(
+    one: tuple[Traced, Unlisted, Unlisted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All hats are asked where the spot is and where it goes. A difference by its middle or its
+    spread costs one answer, not one for each hat."""
+    here, _, spot = one
+    assert spot.field is not None and here.case.model.missing is not None
+    of, asked = type(here.case.model.missing), {True: 0, False: 0}
+    answers = of.answers
+
+    def counted(self: Any, kind: str, parameters: Any, grid: Grid, chosen: np.ndarray, amount: np.ndarray | None = None) -> Any:
+        asked[amount is not None] += 1
+        every = answers(self, kind, parameters, grid, chosen)
+        return every if amount is None else {name: (value @ amount)[..., None] for name, value in every.items()}
+
+    monkeypatch.setattr(of, "answers", counted)
+    monkeypatch.setattr(of, "slopes", lambda *_: {})
+    basis = spot.field.basis
+    moved = replace(spot.field, basis=replace(basis, grid=replace(basis.grid, y=np.array([7.0]))))
+    found = at_parameters(here, replace(here.case, parameters=spot.parameters), spot.structure, moved)
+    assert found.basis.grid.y[0] == pytest.approx(basis.grid.y[0], abs=0.2)
+    steps = asked[True] // 2 - 1  # a middle and a spread wherever it is, at its end as well
+    assert steps >= 1 and asked == {True: 2 * (steps + 1), False: 1 + steps}
 
 
 def test_parameters_beside_a_spot_come_back_though_it_drove_them_off(one: tuple[Traced, Unlisted, Unlisted]) -> None:

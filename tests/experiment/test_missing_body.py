@@ -89,6 +89,21 @@ def test_a_spot_that_travels_is_at_every_time_where_it_is_then() -> None:
     assert slopes == pytest.approx((more - found @ amount) / step, abs=2e-3 * np.abs(slopes).max())
 
 
+@pytest.mark.parametrize("kind", ["heat", "displacement", *OF_SURFACE, "offset", "gradient", "clock", "strain", "scale"])
+def test_an_amount_of_each_hat_is_their_sum(kind: str) -> None:
+    """In every field, also through the lens of a camera; one column."""
+    joint, base = model(study()), Parameters.of({**TRUTH, "ir_registration.shift_y": 0.8, "ir_gain.gain": 0.1})
+    assert isinstance(joint.missing, BodyMissing)
+    grid = joint.missing.grid(kind, (5, 4, 2))
+    chosen = np.arange(grid.size)
+    amount = np.random.default_rng(1).normal(size=grid.size)
+    each, whole = joint.missing.answers(kind, base, grid, chosen), joint.missing.answers(kind, base, grid, chosen, amount)
+    assert list(each) == list(whole)
+    for field, value in each.items():
+        assert whole[field].shape == (*value.shape[:3], 1)
+        assert whole[field][..., 0] == pytest.approx(value @ amount, abs=1e-9 * np.abs(value).max())
+
+
 @pytest.mark.parametrize(
     ("kind", "channel", "amount", "within"),
     [

@@ -163,8 +163,8 @@ def test_killed_stage_resumes(tmp_path: Path) -> None:
 
 
 def test_fine_mesh_starts_at_the_coarse_optimum(tmp_path: Path) -> None:
-    """Few runs are left for the fine mesh: one at the optimum of the coarse one, whose derivatives lead on, and those with its own; a coarse
-    model that is off costs no accuracy."""
+    """Few runs are left for the fine mesh: one at the optimum of the coarse one, whose derivatives lead on, and those with its own. A
+    coarse model that is off costs no accuracy."""
     case = study(tmp_path, mesh="full")
     sizes: list[int] = []
     models = {}

@@ -135,7 +135,11 @@ class StripMissing:
     def spot(self, count: int) -> Grid:
         return Grid(np.linspace(0.0, 120.0, count), np.zeros(count, dtype=int), np.zeros(1), np.zeros(1), spread=1.0)
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+    def answers(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
+        if amount is not None:
+            return {"theta": (self.answers(kind, parameters, grid, chosen)["theta"] @ amount)[..., None]}
         if kind == "offset":
             one = time_hats(grid, MODEL.time, np.zeros(len(MODEL.time), dtype=int))[:, chosen]
             return {"theta": np.repeat(one[:, None, None, :], len(MODEL.x), axis=1)}

@@ -38,6 +38,7 @@ from thermofit.experiment.channels import field_of as observed_field
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing import KINDS, Grid, MissingTerm
 from thermofit.fit.linear_model import LinearModel, Room
+from thermofit.records.progress import Advance, progress
 
 HALF = 0.5
 """Part of the excess that a family has to explain to be the answer."""
@@ -458,6 +459,14 @@ def _every_hat(case: Case, structure: Structure, kind: str, grid: Grid) -> Basis
     return basis(case, structure, kind, grid, np.arange(grid.size))
 
 
+def _shown(case: Case, structure: Structure, kind: str, grid: Grid, amount: np.ndarray) -> np.ndarray:
+    """What an amount (m,) of all hats of a grid makes of the residual (n,)."""
+    out, ends = np.zeros(len(case.rows.time)), np.cumsum([c.n for c in case.model.comparisons])
+    for k, part in _whitened(case, structure, kind, grid, np.arange(grid.size), amount).items():
+        out[ends[k] - len(part) : ends[k]] = part[:, 0]
+    return out
+
+
 def term_of(here: Traced, structure: Structure) -> MissingField | None:
     """The reconstructed term of a channel, None where held-out data do not ask for one."""
     broad, missing = broad_basis(here.case, structure), here.case.model.missing
@@ -513,22 +522,23 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
     parameters, usual = case.parameters, np.array([param(n).scale for n in case.parameters.free])
     alike = term.basis.grid.places == 1 and case.model.segments is None
     share, before, near, tried = 1.0, np.zeros(len(usual)), False, 0
-    for _ in range(MOST_STEPS if alike else SETTLING):
-        step = step_taken(parameters, (term.step, term.together), bounds)
-        if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
-            share *= TURNED  # it goes to and fro, as between films that conduct as if there were none
-        before = step
-        then, there, tried, failed = falling(here, structure, term, parameters, bounds, tried, share)
-        if then is None:
-            if failed:
-                return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({failed})"
-            break
-        change = np.abs(there.vector() - parameters.vector()) / usual
-        term, parameters = then, there
-        rest = step_taken(parameters, (term.step, term.together), bounds)
-        near = _rests(term, rest) if alike else change.max(initial=0.0) < SETTLED
-        if near:
-            break
+    with progress(f"parameters beside the missing {KINDS[term.basis.kind].words}", None) as advance:
+        for _ in range(MOST_STEPS if alike else SETTLING):
+            step = step_taken(parameters, (term.step, term.together), bounds)
+            if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
+                share *= TURNED  # it goes to and fro, as between films that conduct as if there were none
+            before = step
+            then, there, tried, failed = falling(here, structure, term, parameters, bounds, tried, share, advance)
+            if then is None:
+                if failed:
+                    return first, case.parameters, f"the term is that at the optimum without it: beside it the run failed ({failed})"
+                break
+            change = np.abs(there.vector() - parameters.vector()) / usual
+            term, parameters = then, there
+            rest = step_taken(parameters, (term.step, term.together), bounds)
+            near = _rests(term, rest) if alike else change.max(initial=0.0) < SETTLED
+            if near:
+                break
     words = ""
     if alike:
         parameters = parameters.with_vector(parameters.vector() + rest) if near else parameters
@@ -541,7 +551,14 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
 
 
 def falling(
-    here: Traced, structure: Structure, term: MissingField, parameters: Parameters, bounds: Room, tried: int, share: float
+    here: Traced,
+    structure: Structure,
+    term: MissingField,
+    parameters: Parameters,
+    bounds: Room,
+    tried: int,
+    share: float,
+    advance: Advance,
 ) -> tuple[MissingField | None, Parameters, int, str]:
     """The term where parameters have taken that share of its step with the least of DAMPING, from the one before that which was `tried`
     last, with which the sum of squares rises by no more than OF_ITS_ERROR of a standard error makes, these parameters, and the number of
@@ -555,8 +572,11 @@ def falling(
             then, failed = at_parameters(here, replace(here.case, parameters=there), structure, term), ""
         except NumericsError as error:
             failed = str(error)
+            advance(1, "failed")
             continue
-        if best_of_its_form(term, then.bare, then.basis)[1] <= square + OF_ITS_ERROR**2:
+        fallen = best_of_its_form(term, then.bare, then.basis)[1] - square
+        advance(1, f"sum of squares {fallen:+.3g}, damping {DAMPING[number]:g}", {"fallen": fallen})
+        if fallen <= OF_ITS_ERROR**2:
             return then, there, number, ""
     return None, parameters, len(DAMPING), failed
 
@@ -577,11 +597,11 @@ def at_spot(known: LinearModel, here: Traced, there: Case, structure: Structure,
     """The same of a term that is one spot, which moves to where it fits best; `known`: the linear model where the parameters are."""
     least = None if there.model.missing is None else there.model.missing.spot(len(term.basis.grid.time))
     assert least is not None, "a spot has a place"
-    hats = partial(_every_hat, there, structure, term.basis.kind)
+    hats, shown = partial(_every_hat, there, structure, term.basis.kind), partial(_shown, there, structure, term.basis.kind)
     first = hats(term.basis.grid)
     weight = likeliest(known, first)
     beside = beside_term(known, there, there.parameters, replace(term, weight=weight), first)
-    return nearest(beside, hats, term.basis.grid, here.rows, here.split, weight=weight, least=least.spread)
+    return nearest(beside, hats, shown, first, here.rows, here.split, weight=weight, least=least.spread)
 
 
 def _rests(term: MissingField, rest: np.ndarray) -> bool:
@@ -593,17 +613,25 @@ def _rests(term: MissingField, rest: np.ndarray) -> bool:
 
 def basis(case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray) -> Basis:
     """Whitened hats of a channel, and behind their rows those of other channels that feel them too."""
+    ends, columns = np.cumsum([c.n for c in case.model.comparisons]), _whitened(case, structure, kind, grid, chosen)
+    rows = [np.arange(ends[k] - len(part), ends[k]) for k, part in columns.items()]
+    first, *others = columns.values()
+    rough = roughness(grid, chosen, from_nothing=KINDS[kind].from_rest)
+    out = Basis(kind, KINDS[kind].unit, grid, chosen, rows[0], first, rough)
+    if not others:
+        return out
+    return replace(out, rows=np.concatenate(rows), columns=np.concatenate([first, *others]), n_own=len(rows[0]))
+
+
+def _whitened(
+    case: Case, structure: Structure, kind: str, grid: Grid, chosen: np.ndarray, amount: np.ndarray | None = None
+) -> dict[int, np.ndarray]:
+    """Whitened columns (n_i, m) of the hats, by the number of the channel that feels them, that of the structure first; (n_i, 1) of an
+    `amount` (m,) of each."""
     model, own = case.model, case.channels.index(structure.blocks.channel)
     assert model.missing is not None
-    asked = kind, case.parameters, grid, chosen
-    ends, columns = np.cumsum([c.n for c in model.comparisons]), model.columns(model.missing.answers(*asked))
-    felt = [own, *(k for k in columns if k != own)]
-    rows = [np.arange(ends[k] - len(columns[k]), ends[k]) for k in felt]
-    rough = roughness(grid, chosen, from_nothing=KINDS[kind].from_rest)
-    out = Basis(kind, KINDS[kind].unit, grid, chosen, rows[0], columns[own], rough)
-    if len(felt) == 1:
-        return out
-    return replace(out, rows=np.concatenate(rows), columns=np.concatenate([columns[k] for k in felt]), n_own=len(rows[0]))
+    columns = model.columns(model.missing.answers(kind, case.parameters, grid, chosen, amount))
+    return {own: columns[own], **columns}
 
 
 def told_beside(

@@ -30,15 +30,19 @@ FARTHEST = 1.0
 HALVED = (1.0, 0.5, 0.25, 0.125)
 """Parts of a step that are tried in turn."""
 MOST = 12
-"""Most steps: each costs four answers to unit heats."""
+"""Most steps."""
 OF_ITS_ERROR = 0.1
 """Part of its standard error beside the other to which a step of middle or spread has come down where they are found."""
 
 
+Shown = Callable[[Grid, np.ndarray], np.ndarray]
+"""What coefficients (m,) of the hats of a grid make of the residual (n,)."""
+
+
 def nearest(
-    known: LinearModel, hats: Callable[[Grid], Basis], grid: Grid, rows: Rows, split: Split, *, weight: float, least: float
+    known: LinearModel, hats: Callable[[Grid], Basis], shown: Shown, hat: Basis, rows: Rows, split: Split, *, weight: float, least: float
 ) -> MissingField:
-    """The spot whose middle and spread, from those of a grid, fit best with lambda, by Gauss-Newton steps that are taken as far as
+    """The spot whose middle and spread, from those of hats at hand, fit best with lambda, by Gauss-Newton steps that are taken as far as
 
         |r + J x + B q|^2 + lambda q^T R q
 
@@ -47,11 +51,10 @@ def nearest(
     lower, of a velocity that is 1 mm/s less where it travels, and of ln s, which the uncertainty of all others knows of; of ln s none where
     it would go below the least. `weight`: lambda; `least`: the least spread in mm."""
 
-    hat = hats(grid)
     q, _, square = with_parameters(known, hat, weight)
     for turn in range(MOST + 1):
         ways = _ways(hat.grid, q)
-        both = _with_place(hats, hat, q, ways)
+        both = _with_place(shown, hat, q, ways)
         moved, posterior, _ = with_parameters(known, both, weight)
         m = len(hat.chosen)
         if not np.diag(posterior)[m:].all():
@@ -101,13 +104,14 @@ def middle_of_power(grid: Grid, q: np.ndarray) -> float:
     return float(power @ grid.time) / max(float(power.sum()), 1e-300)
 
 
-def _with_place(hats: Callable[[Grid], Basis], hat: Basis, q: np.ndarray, ways: np.ndarray) -> Basis:
-    """The hats of a spot and, behind them, what their coefficients q (m,) do by its `ways` (n_k, k) and its spread, to first order."""
+def _with_place(shown: Shown, hat: Basis, q: np.ndarray, ways: np.ndarray) -> Basis:
+    """The hats of a spot and, behind them, what their coefficients q (m,) do by its `ways` (n_k, k) and its spread, to first order. Asked
+    for these coefficients alone a place that has moved costs one answer, for all hats as many as there are."""
     grid, n = hat.grid, ways.shape[1]
     by = np.append(NEARBY * grid.spread / np.sqrt(np.mean(ways**2, axis=0)), NEARBY)
     moved = [_moved(grid, ways, np.append(h * np.eye(n)[k], 0.0)) for k, h in enumerate(by[:n])]
     moved.append(_moved(grid, ways, np.append(np.zeros(n), by[n])))
-    own = [(hats(way).columns @ q - hat.columns @ q) / h for way, h in zip(moved, by, strict=True)]
+    own = [(shown(way, q)[hat.rows] - hat.columns @ q) / h for way, h in zip(moved, by, strict=True)]
     return replace(hat, columns=np.column_stack([hat.columns, *own]), rough=block_diag(hat.rough, np.zeros((n + 1, n + 1))))
 
 

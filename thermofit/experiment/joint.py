@@ -227,7 +227,7 @@ class Joint:
         them off."""
         instruments = self._looking_at(self.run, self.run, self._observations(heat=True), operator).instruments
         missing = BodyMissing(instruments, self.run, {}).on(history, parameters)
-        return np.asarray(term.by_units(missing, parameters)["theta"] @ term.amount)
+        return np.asarray(term.shown(missing, parameters)["theta"][..., 0])
 
     def histories(self, parameters: Parameters) -> tuple[History, ...]:
         """The coupled run, with its points kept."""

@@ -146,6 +146,10 @@ class MissingTerm:
         """What unit coefficients add to observed fields (n_t, n_s, n_c, m) by a model at parameters."""
         return missing.answers(self.kind, parameters, self.grid, self.chosen)
 
+    def shown(self, missing: Missing, parameters: Parameters) -> Mapping[str, np.ndarray]:
+        """What it adds to observed fields (n_t, n_s, n_c, 1) by a model at parameters."""
+        return missing.answers(self.kind, parameters, self.grid, self.chosen, self.amount)
+
 
 class YieldTerms(Protocol):
     """What a missing stress shows where it is a step of the yield stress over a state variable."""
@@ -201,9 +205,11 @@ class Missing(Protocol):
         """A spot of heat in the middle of what is observed, with `count` hats in time and the least spread that the mesh shows; None where
         a term has no place on a specimen."""
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> Mapping[str, np.ndarray]:
+    def answers(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray | None = None
+    ) -> Mapping[str, np.ndarray]:
         """Change (n_t, n_s, n_c, m) by unit coefficients of the m chosen hats of the observed field that shows the kind, and of others that
-        feel it, by field."""
+        feel it, by field; (n_t, n_s, n_c, 1) by an `amount` (m,) of each, which costs one of them."""
 
     def slopes(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]

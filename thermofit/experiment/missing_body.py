@@ -134,12 +134,19 @@ class BodyMissing:
         grid, (low, high) = self.everywhere((count, 1)), self._heights()
         return replace(grid, y=np.array([0.5 * (grid.y[0] + grid.y[-1])]), spread=LEAST * float(np.max(high - low)))
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+    def answers(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
         """Change (n_t, n_s, n_c, m) of observed fields by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
-        the jaws, mm, K, mK/mm, s and mm/m. The field that shows the kind comes first. A pixel of the infrared camera is given to the point
-        that the displacement cameras say is there, and what is warmer expands."""
+        the jaws, mm, K, mK/mm, s and mm/m; m = 1 by an `amount` (m,) of each. The field that shows the kind comes first. A pixel of the
+        infrared camera is given to the point that the displacement cameras say is there, and what is warmer expands."""
         if kind in HEATING:
-            return self._warmed(parameters, self.history(parameters), kind, grid, chosen)
+            return self._warmed(parameters, self.history(parameters), kind, grid, chosen, amount)
+        found = self._added(kind, parameters, grid, chosen)
+        return found if amount is None else {field: (value @ amount)[..., None] for field, value in found.items()}
+
+    def _added(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
+        """What instruments add by unit coefficients, as `answers`."""
         field = _field_of(kind)
         if kind == "clock":
             return {field: self._late(parameters, grid, chosen)}

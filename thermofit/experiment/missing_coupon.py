@@ -79,14 +79,18 @@ class CouponMissing:
             part.append(np.full(own, n))
         return Grid(np.concatenate(knots), np.concatenate(part), np.zeros(1), np.zeros(1))
 
-    def answers(self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray) -> dict[str, np.ndarray]:
-        """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, MPa and s. What a load cell or a
-        sensor lacks shows in its own records alone.
+    def answers(
+        self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray | None = None
+    ) -> dict[str, np.ndarray]:
+        """Change (n_t, 1, 1, m) of the observed field by unit coefficients of the chosen hats; mW/mm^3, MPa and s; m = 1 by an `amount`
+        (m,) of each. What a load cell or a sensor lacks shows in its own records alone.
 
         A clock that is late by tau(t) shows theta(t + tau), to first order tau dtheta/dt more. One that lags by tau shows so much less.
         """
         field = SHOWN_BY[kind]
         in_time = time_hats(grid, self.time, self.part)[:, chosen]
+        if amount is not None:
+            in_time = (in_time @ amount)[:, None]
         if kind == "stress":
             return {field: in_time[:, None, None, :]}
         out = np.zeros_like(in_time)

@@ -70,13 +70,16 @@ class Comparison:
         u, s = u[:, s > 1e-3], s[s > 1e-3]
         shrunk, along, noise = 1.0 - 1.0 / np.sqrt(1.0 + s**2), self.along, self.noise
 
+        def along_modes(r: np.ndarray, size: np.ndarray) -> np.ndarray:
+            return np.asarray(u @ ((u.T @ r).T * size).T)
+
         def white(r: np.ndarray) -> np.ndarray:
-            return np.asarray(r - (u * shrunk) @ (u.T @ r))
+            return np.asarray(r - along_modes(r, shrunk))
 
         def correlated(v: np.ndarray) -> np.ndarray:
             assert noise is not None
             w = white(v)
-            return white(noise(w) + (u * s**2) @ (u.T @ w))
+            return white(noise(w) + along_modes(w, s**2))
 
         return replace(
             self,

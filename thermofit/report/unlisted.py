@@ -332,8 +332,8 @@ def effect_file(study_name: str, here: Traced, found: Unlisted) -> EffectFile | 
 
 def _rises(found: Unlisted, missing: Missing, field: MissingField) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Per record its times and the temperature that is missing there."""
-    (warmer,) = missing.answers(field.basis.kind, found.parameters, field.basis.grid, field.basis.chosen).values()
-    rise = warmer[:, 0, 0, :] @ field.q
+    (warmer,) = missing.answers(field.basis.kind, found.parameters, field.basis.grid, field.basis.chosen, field.q).values()
+    rise = warmer[:, 0, 0, 0]
     ends = np.cumsum([len(record.time) for record in missing.records])[:-1]
     return [(record.name, record.time, own) for record, own in zip(missing.records, np.split(rise, ends), strict=True)]
 

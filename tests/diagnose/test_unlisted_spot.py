@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -235,6 +237,26 @@ def test_a_place_that_is_moved_a_little_is_asked_for_its_coefficients_alone(
     assert found.basis.grid.y[0] == pytest.approx(basis.grid.y[0], abs=0.2)
     steps = asked[True] // 2 - 1  # a middle and a spread wherever it is, at its end as well
     assert steps >= 1 and asked == {True: 2 * (steps + 1), False: 1 + steps}
+
+
+def test_parameters_that_settle_beside_a_spot_say_how_far_they_are(
+    one: tuple[Traced, Unlisted, Unlisted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each step takes minutes on a body: all that were tried are shown, and stand in the log."""
+    here, _, spot = one
+    assert spot.field is not None
+    said: list[tuple[str, str, Any]] = []
+
+    @contextmanager
+    def shown(description: str, total: float | None) -> Iterator[Any]:
+        yield lambda n=1.0, note="", told=None: said.append((description, note, told))
+
+    monkeypatch.setattr(module, "progress", shown)
+    begin = replace(here, case=replace(here.case, parameters=spot.parameters))
+    module.settled(begin, spot.structure, spot.field)
+    assert 1 <= len(said) <= module.MOST_STEPS
+    for words, note, told in said:
+        assert words == "parameters beside the missing heat source" and note.startswith("sum of squares") and "fallen" in told
 
 
 def test_parameters_beside_a_spot_come_back_though_it_drove_them_off(one: tuple[Traced, Unlisted, Unlisted]) -> None:

@@ -23,8 +23,6 @@ settings.load_profile("thermofit")
 
 WITHOUT_KERNELS = (*(f"tests/{room}/" for room in ("read", "study", "records", "fit", "report", "observe", "effects")), "tests/test_")
 """Tests that call no compiled kernel. They come first, while the kernels are compiled."""
-WITH_KERNELS = ("tests/test_bench.py",)
-"""Tests among these that do."""
 COMPILING = "THERMOFIT_TESTS_COMPILING"
 """Variable of the environment: the file that is there once the process that compiles has ended, whatever came of it."""
 LONGEST_COMPILATION = 600.0
@@ -72,10 +70,6 @@ def _collected(session: pytest.Session) -> tuple[Path, bool] | None:
     return Path(os.environ[COMPILING]).with_name(COLLECTED), worker["workerid"] == "gw0"
 
 
-def _calls_kernels(nodeid: str) -> bool:
-    return nodeid.startswith(WITH_KERNELS) or not nodeid.startswith(WITHOUT_KERNELS)
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
     """One process makes the bytecode of all test modules, in which pytest rewrites every assertion; the others read it."""
@@ -94,14 +88,14 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What needs no kernel comes first; the order is kept otherwise."""
     if COMPILING in os.environ:
-        items.sort(key=lambda item: _calls_kernels(item.nodeid))
+        items.sort(key=lambda item: not item.nodeid.startswith(WITHOUT_KERNELS))
 
 
 @pytest.fixture(autouse=True, scope="module")
 def kernels(request: pytest.FixtureRequest) -> None:
     """Tests that may call kernels wait until these are compiled."""
     ended = os.environ.get(COMPILING)
-    if ended is None or not _calls_kernels(request.node.nodeid):
+    if ended is None or request.node.nodeid.startswith(WITHOUT_KERNELS):
         return
     _wait_for(Path(ended), LONGEST_COMPILATION)
 

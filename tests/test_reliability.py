@@ -81,7 +81,7 @@ def test_a_part_is_known_by_the_package_and_its_own_tests_or_scripts(scripts: An
     before = {name: module.state(part) for name, part in parts.items()}
     assert len(set(before.values())) == len(parts)
     list_of = module.with_helpers
-    monkeypatch.setattr(module, "with_helpers", lambda root, tests: list_of(root, (*tests, "tests/test_bench.py")))
+    monkeypatch.setattr(module, "with_helpers", lambda root, tests: list_of(root, (*tests, "tests/bench/test_bench.py")))
     after = {name: module.state(part) for name, part in parts.items()}
     assert {name for name in parts if before[name] != after[name]} == {name for name, part in parts.items() if part.tests}
     monkeypatch.setattr(module, "sources", lambda *_: "edited")

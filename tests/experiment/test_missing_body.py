@@ -100,7 +100,7 @@ def test_an_amount_of_each_hat_is_their_sum(kind: str) -> None:
     each, whole = joint.missing.answers(kind, base, grid, chosen), joint.missing.answers(kind, base, grid, chosen, amount)
     assert list(each) == list(whole)
     for field, value in each.items():
-        assert whole[field].shape == (*value.shape[:3], 1)
+        assert whole[field].shape == (*value.shape[:3], 1) and np.abs(value).max() > 0.0
         assert whole[field][..., 0] == pytest.approx(value @ amount, abs=1e-9 * np.abs(value).max())
 
 

@@ -104,7 +104,7 @@ BELIEVED = 0.5
 class SearchState:
     """Point z (n_p,), its residual (n,) and Jacobian (n, n_p) with respect to z, half width `radius` of the trust box.
 
-    `fresh`: the Jacobian was computed at z, not updated; `rejected`: trials in a row that did not lower f; `failed`: the last
+    `fresh`: the Jacobian was computed at z, neither updated nor given; `rejected`: trials in a row that did not lower f; `failed`: the last
     one because the forward model failed; `curvature`: what is known of the second derivatives, None where derivatives are not exact or
     the data say nothing along some direction or are fewer than twice the parameters.
     """

@@ -180,7 +180,7 @@ def test_a_peer_that_is_missing_is_left_out_with_a_sentence(
 @pytest.mark.slow
 @pytest.mark.parametrize("piece", ["assemble", "newton_iteration"])
 def test_pieces_are_timed(benchmark: Any, scripts: Any, piece: str) -> None:
-    """Compare two states of the kernel: `pytest -m slow tests/test_bench.py --benchmark-autosave`, then `--benchmark-compare`."""
+    """Compare two states of the kernel: `pytest -m slow tests/bench/test_bench.py --benchmark-autosave`, then `--benchmark-compare`."""
     kernel = scripts("bench_kernel")
     pieces = kernel.Pieces(kernel.dogbone_body((6, 40, 2)))
     pieces.element_pass(1.0, tangent=True)

@@ -165,15 +165,17 @@ class Stepping:
 
 
 def stepping(
-    monkeypatch: pytest.MonkeyPatch, overshoots: float, least: float = 130.0, most: float = np.inf, begin: float = 110.0
+    monkeypatch: pytest.MonkeyPatch, *overshoots: float, least: float = 130.0, most: float = np.inf, begin: float = 110.0
 ) -> tuple[Any, float, str, list[float]]:
     """The term, kappa and the words with which `settled` ends, and every kappa that was tried, where every step is `overshoots` times the
-    way to kappa = 130 with a standard error of 1. The sum of squares is least at `least`; with more than `most` no run succeeds."""
+    way to kappa = 130 with a standard error of 1: of several each step the next one, and the last from there on. The sum of squares is
+    least at `least`; with more than `most` no run succeeds."""
     tried: list[float] = []
-    hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1, size=1, spread=0.0), chosen=np.zeros(1))
+    hat: Any = SimpleNamespace(kind="jaws", grid=SimpleNamespace(places=1, size=1, spread=0.0), chosen=np.zeros(1), alone=None)
 
     def term(_: Any, kappa: float, __: Any = None) -> Any:
-        return Stepping(np.array([overshoots * (130.0 - kappa)]), np.ones(1), hat, kappa)
+        times = overshoots[min(len(tried), len(overshoots) - 1)]
+        return Stepping(np.array([times * (130.0 - kappa)]), np.ones(1), hat, kappa)
 
     def linearised(p: Parameters, _: Any) -> tuple[float, None]:
         tried.append(p["kappa"])
@@ -198,6 +200,12 @@ def test_parameters_that_go_to_and_fro_settle(monkeypatch: pytest.MonkeyPatch, o
     """Twice the way goes to and fro without end."""
     _, kappa, said, _ = stepping(monkeypatch, overshoots)
     assert said == words and (words or kappa == pytest.approx(130.0, abs=1.0))
+
+
+def test_a_step_that_turned_back_once_does_not_halve_all_that_follow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It went too far once. The step back is halved; the one after it goes on, and is taken whole."""
+    _, kappa, said, tried = stepping(monkeypatch, 1.9, 1.0)
+    assert tried == pytest.approx([148.0, 139.0, 130.0]) and (kappa, said) == (pytest.approx(130.0), "")
 
 
 @pytest.mark.parametrize(("overshoots", "most"), [(2.6, np.inf), (1.0, 129.8)], ids=["leaves more", "cannot be run"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -19,7 +19,7 @@ from thermofit.diagnose.beside_source import Spot, spot_of
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import LEAVES, UNSETTLED, Unlisted, as_spot, at_parameters, structured, unlisted
-from thermofit.diagnose.unlisted_field import Basis, best_beside, field_of, roughness, with_parameters
+from thermofit.diagnose.unlisted_field import Basis, MissingField, best_beside, field_of, likeliest, roughness, with_parameters
 from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.experiment.missing import Grid, hats
 from thermofit.fit.linear_model import LinearModel
@@ -49,11 +49,27 @@ def seen(middle: float, spread: float, velocity: float = 0.0) -> tuple[LinearMod
     return LinearModel(residual, np.stack([np.ones_like(T), Y / 30.0], axis=1)), rows, Split(fifths, fifths, "fifths")
 
 
+def spot_from(
+    model: LinearModel,
+    hats: Callable[[Grid], Basis],
+    shown: Callable[[Grid, np.ndarray], np.ndarray],
+    begin: Grid,
+    data: Any,
+    least: float,
+    steps: int = 4,
+) -> MissingField:
+    """The field of the nearest spot where the parameters have taken their steps beside it, so that it goes with these."""
+    for _ in range(steps):
+        found = field_of(model, nearest(model.residual, hats, shown, hats(begin), weight=1e-3, least=least), *data, 1e-3)
+        model, begin = replace(model, residual=model.residual + model.columns @ found.step), found.basis.grid
+    return found
+
+
 @pytest.mark.parametrize(("y", "spread"), [(0.0, 4.0), (12.0, 1.0), (-12.0, 15.0)])
 def test_middle_and_spread_are_found(y: float, spread: float) -> None:
     """From beside it, from one of a third of its size, and from one that covers nearly all."""
-    model, rows, split = seen(7.3, 3.0)
-    found = nearest(model, hats_at, shown_at, hats_at(replace(GRID, y=np.array([y]), spread=spread)), rows, split, weight=1e-3, least=0.5)
+    model, *data = seen(7.3, 3.0)
+    found = spot_from(model, hats_at, shown_at, replace(GRID, y=np.array([y]), spread=spread), data, 0.5)
     grid, m = found.basis.grid, GRID.size
     assert grid.y[0] == pytest.approx(7.3, abs=0.1) and grid.spread == pytest.approx(3.0, rel=0.02)
     assert found.basis.columns.shape[1] == m + 2 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
@@ -62,9 +78,9 @@ def test_middle_and_spread_are_found(y: float, spread: float) -> None:
 @pytest.mark.parametrize(("y", "velocity", "spread"), [(0.0, 0.1, 8.0), (6.0, 0.5, 2.0), (4.0, 0.0, 4.0)])
 def test_velocity_is_found(y: float, velocity: float, spread: float) -> None:
     """From a slower one, a faster one and from rest; with the middle, which lies anywhere on its way, and the spread."""
-    model, rows, split = seen(4.0, 3.0, 0.31)
+    model, *data = seen(4.0, 3.0, 0.31)
     begin = replace(GRID, y=np.array([y]), spread=spread, along=velocity * (TIME - 40.0))
-    found = nearest(model, hats_at, shown_at, hats_at(begin), rows, split, weight=1e-3, least=0.5)
+    found = spot_from(model, hats_at, shown_at, begin, data, 0.5)
     grid, m = found.basis.grid, GRID.size
     assert grid.heights == pytest.approx(4.0 + 0.31 * (TIME - 50.0), abs=0.2) and grid.spread == pytest.approx(3.0, rel=0.03)
     assert found.basis.columns.shape[1] == m + 3 and np.all(np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:]))
@@ -112,10 +128,8 @@ def shown_on_a_mesh(grid: Grid, amount: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("truth", [2.5, 2.9])
 def test_the_middle_is_found_where_the_spread_is_not_shown(truth: float, spread: float) -> None:
     """A spot that is narrower than the mesh shows any asks for a step of the spread without end. That says nothing of the middle."""
-    model, rows, split = seen(7.3, truth)
-    found = nearest(
-        model, on_a_mesh, shown_on_a_mesh, on_a_mesh(replace(GRID, y=np.array([7.3]), spread=spread)), rows, split, weight=1e-3, least=0.3
-    )
+    model, *data = seen(7.3, truth)
+    found = spot_from(model, on_a_mesh, shown_on_a_mesh, replace(GRID, y=np.array([7.3]), spread=spread), data, 0.3)
     m = GRID.size
     assert found.basis.grid.spread == pytest.approx(0.3) and found.basis.columns.shape[1] == m + 1
     assert np.abs(found.q[m:]) < 0.2 * np.sqrt(np.diag(found.posterior)[m:])
@@ -128,39 +142,58 @@ def test_the_middle_is_found_where_the_spread_is_not_shown(truth: float, spread:
 def test_a_search_that_was_cut_short_has_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
     """A spread that would fall by more than one step lets it is fitted all the same: its step says how far off it is."""
     monkeypatch.setattr("thermofit.diagnose.unlisted_spot.MOST", 0)
-    model, rows, split = seen(7.3, 1.5)
-    found = nearest(model, hats_at, shown_at, hats_at(replace(GRID, y=np.array([7.3]), spread=20.0)), rows, split, weight=1e-3, least=0.1)
+    model, *data = seen(7.3, 1.5)
+    found = spot_from(model, hats_at, shown_at, replace(GRID, y=np.array([7.3]), spread=20.0), data, 0.1, steps=1)
     m = GRID.size
     assert found.basis.columns.shape[1] == m + 2 and found.q[-1] < -1.0 and found.basis.grid.spread == 20.0
 
 
+def test_a_place_goes_with_parameters_that_stay() -> None:
+    """Where the level is 3 times the noise off, no place beside the one that is found leaves less with that level. Beside a level that is
+    free another one would be the best. What is left of a step is that of the level as well."""
+    model, *data = seen(7.3, 3.0)
+    off = model.residual + 3.0 * model.columns[:, 0]
+    found = nearest(off, hats_at, shown_at, hats_at(GRID), weight=1e-3, least=0.5)
+
+    def left(grid: Grid) -> float:
+        return best_beside(off, replace(field.basis, **alone(hats_at(grid))), 1e-3)[1]
+
+    def alone(hat: Basis) -> dict[str, Any]:
+        return {"columns": hat.columns, "rough": hat.rough, "grid": hat.grid}
+
+    field = field_of(replace(model, residual=off), found, *data, 1e-3)
+    grid = found.grid
+    for y, spread in ((0.05, 1.0), (-0.05, 1.0), (0.0, 1.01), (0.0, 0.99)):
+        assert left(replace(grid, y=grid.y + y, spread=grid.spread * spread)) > left(grid)
+    free = spot_from(replace(model, residual=off), hats_at, shown_at, GRID, data, 0.5)
+    assert left(free.basis.grid) > left(grid) + 1.0 and abs(free.step[0]) < 0.1
+
+
 def test_a_spot_grows_again_from_the_least() -> None:
     """Where it began, or where errors of the mesh had held it."""
-    model, rows, split = seen(7.3, 3.0)
-    found = nearest(model, hats_at, shown_at, hats_at(replace(GRID, y=np.array([6.9]), spread=0.5)), rows, split, weight=1e-3, least=0.5)
+    model, *data = seen(7.3, 3.0)
+    found = spot_from(model, hats_at, shown_at, replace(GRID, y=np.array([6.9]), spread=0.5), data, 0.5)
     assert found.basis.grid.spread == pytest.approx(3.0, rel=0.02) and found.basis.columns.shape[1] == GRID.size + 2
 
 
 def test_what_nobody_sees_has_no_place() -> None:
     """It stays where it is."""
-    model, rows, split = seen(7.3, 3.0)
+    model, *data = seen(7.3, 3.0)
 
     def unseen(grid: Grid) -> Basis:
         hat = hats_at(grid)
         return replace(hat, columns=0.0 * hat.columns)
 
-    found = nearest(
-        model, unseen, lambda _, amount: np.zeros(len(T)), unseen(replace(GRID, y=np.array([6.9]))), rows, split, weight=1e-3, least=0.5
-    )
+    found = spot_from(model, unseen, lambda _, amount: np.zeros(len(T)), replace(GRID, y=np.array([6.9])), data, 0.5)
     assert found.basis.grid.y[0] == 6.9 and found.basis.grid.spread == 4.0 and np.all(found.q == 0.0)
 
 
 def test_a_search_knows_what_the_field_knows() -> None:
     """Coefficients, covariance and sum of squares of hats beside parameters are those of the field without held-out data. Beside parameters
     that stay they are the least as well."""
-    model, rows, split = seen(7.3, 3.0)
+    model, *data = seen(7.3, 3.0)
     hat, weight = hats_at(replace(GRID, y=np.array([5.0]))), 0.7
-    field = field_of(model, hat, rows, split, weight)
+    field = field_of(model, hat, *data, weight)
     q, covariance, square = with_parameters(model, hat, weight)
     assert q == pytest.approx(field.q, abs=1e-6) and np.allclose(covariance, field.posterior, rtol=1e-5, atol=1e-9)
     assert square == pytest.approx(float(field.residual @ field.residual + weight * field.q @ hat.rough @ field.q))
@@ -178,8 +211,8 @@ def test_a_search_knows_what_the_field_knows() -> None:
 
 def test_a_spot_is_no_narrower_than_the_mesh_shows() -> None:
     """Of one that would be, the spread is held at the least, and not fitted."""
-    model, rows, split = seen(7.3, 0.8)
-    found = nearest(model, hats_at, shown_at, hats_at(GRID), rows, split, weight=1e-3, least=2.0)
+    model, *data = seen(7.3, 0.8)
+    found = spot_from(model, hats_at, shown_at, GRID, data, 2.0)
     assert found.basis.grid.spread == 2.0 and found.basis.grid.y[0] == pytest.approx(7.3, abs=0.5)
     assert found.basis.columns.shape[1] == GRID.size + 1
 
@@ -281,9 +314,49 @@ def test_a_spot_is_found_from_where_it_is_not(one: tuple[Traced, Unlisted, Unlis
     here, found, spot = one
     assert spot.field is not None
     begin = replace(spot.field, basis=replace(spot.field.basis, grid=replace(spot.field.basis.grid, y=np.array([14.0]), spread=12.0)))
-    again = at_parameters(here, replace(here.case, parameters=spot.parameters), found.structure, begin).basis.grid
-    assert again.y[0] == pytest.approx(spot.field.basis.grid.y[0], abs=0.05)
-    assert again.spread == pytest.approx(spot.field.basis.grid.spread, rel=0.03)
+    there = replace(here.case, parameters=spot.parameters)
+    again, near = (at_parameters(here, there, found.structure, term) for term in (begin, spot.field))
+    assert again.basis.grid.y[0] == pytest.approx(spot.field.basis.grid.y[0], abs=0.05)
+    assert again.basis.grid.spread == pytest.approx(spot.field.basis.grid.spread, rel=0.03)
+    assert again.uncertainty == pytest.approx(near.uncertainty, rel=0.002), "what parameters change of it is told where it is"
+    assert again.step / near.uncertainty == pytest.approx(near.step / near.uncertainty, abs=0.005)
+
+
+def test_a_step_is_judged_by_what_a_spot_leaves_where_it_is(
+    one: tuple[Traced, Unlisted, Unlisted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not by what its middle and its spread would leave if they went on, which is of first order. The place is sought with the lambda of
+    the term at hand, so that it and the step are judged by one sum of squares; with the next term comes the likeliest one of its hats."""
+    here, _, spot = one
+    assert spot.field is not None and here.case.model.missing is not None
+    weight, there = 7.0 * spot.field.weight, replace(here.case, parameters=spot.parameters)
+    far = replace(spot.field.basis, grid=replace(spot.field.basis.grid, y=np.array([14.0]), spread=12.0))
+    monkeypatch.setattr("thermofit.diagnose.unlisted_spot.MOST", 0)
+    begin = replace(at_parameters(here, there, spot.structure, replace(spot.field, basis=far)), weight=weight)
+    said: list[float] = []
+    still = replace(begin, step=np.zeros_like(begin.step))
+    low, high = (np.full(len(spot.parameters.free), end) for end in (-np.inf, np.inf))
+
+    def falling() -> MissingField:
+        then, *_ = module.falling(
+            here, spot.structure, still, spot.parameters, (low, high), 0, 1.0, lambda n=1.0, note="", told=None: said.append(told["fallen"])
+        )
+        assert then is not None
+        return then
+
+    falling()
+    assert said.pop() == pytest.approx(0.0, abs=1e-6), "a place that may not move has not gone on"
+    monkeypatch.undo()
+    then = falling()
+    m, bare = len(far.chosen), still.bare
+    squares = [best_beside(bare, replace(b, columns=b.columns[:, :m], rough=b.rough[:m, :m]), weight)[1] for b in (then.basis, still.basis)]
+    assert said == [pytest.approx(squares[0] - squares[1], rel=1e-6)]
+    grid, known = then.basis.grid, LinearModel(*here.case.model.linearised(spot.parameters, spot.parameters.free))
+    hat = module.basis(there, spot.structure, "heat", grid, then.basis.chosen)
+    assert then.weight == likeliest(known, hat)
+    for spread in (0.97, 1.03):
+        aside = module.basis(there, spot.structure, "heat", replace(grid, spread=spread * grid.spread), then.basis.chosen)
+        assert best_beside(bare, aside, weight)[1] > squares[0]
 
 
 def test_its_place_is_not_known_for_certain(one: tuple[Traced, Unlisted, Unlisted]) -> None:

@@ -513,9 +513,11 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
     hats with them; then why they have not, where they have not. Held-out data without the term stay those of the optimum.
 
     Beside a term that is the same everywhere the parameters are told as those that were fitted with it. So they step until what is left of
-    a step is a small part of their standard errors, and take that too. Where a step turns back on the one before, half of it and of those
-    after it is taken. No step is taken with which the sum of squares, the term's own part with it, rises by more than that small part of a
-    standard error makes: along a bent valley, as that of a law of the rate, linear steps run off to where nothing carries the load."""
+    a step is a small part of their standard errors, and take that too. Where a step turns back on the one before, half of it is taken, and
+    of those after it, until one goes on: then twice as much again, up to all. No step is taken with which the sum of squares, the term's
+    own part with it, rises by more than that small part of a standard error makes. Along a bent valley, as that of a law of the rate,
+    linear steps run off to where nothing carries the load. Of a spot it is that of the hats where it is: what its middle and its spread
+    would leave if they went on is of first order."""
     case, first = here.case, term
     low, high = room_of(case.parameters, case.parameters.free, case.reach)
     bounds = case.parameters.vector() + low, case.parameters.vector() + high
@@ -525,8 +527,9 @@ def settled(here: Traced, structure: Structure, term: MissingField) -> tuple[Mis
     with progress(f"parameters beside the missing {KINDS[term.basis.kind].words}", None) as advance:
         for _ in range(MOST_STEPS if alike else SETTLING):
             step = step_taken(parameters, (term.step, term.together), bounds)
-            if alike and np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0:
-                share *= TURNED  # it goes to and fro, as between films that conduct as if there were none
+            if alike:  # it goes to and fro, as between films that conduct as if there were none
+                turns = np.sum(step * before / np.maximum(term.uncertainty, 1e-300) ** 2) < 0.0
+                share = share * TURNED if turns else min(1.0, share / TURNED)
             before = step
             then, there, tried, failed = falling(here, structure, term, parameters, bounds, tried, share, advance)
             if then is None:
@@ -564,7 +567,7 @@ def falling(
     last, with which the sum of squares rises by no more than OF_ITS_ERROR of a standard error makes, these parameters, and the number of
     the damping; None and where they were where it rises with each, and why the last could not be run where it could not."""
     failed = ""
-    square = best_of_its_form(term, term.bare, term.basis)[1]
+    square = best_of_its_form(term, term.bare, term.basis.alone)[1]
     for number in range(max(tried - 1, 0), len(DAMPING)):
         step = step_taken(parameters, (term.step, term.together), bounds, DAMPING[number], share)
         there = parameters.with_vector(parameters.vector() + step)
@@ -574,7 +577,7 @@ def falling(
             failed = str(error)
             advance(1, "failed")
             continue
-        fallen = best_of_its_form(term, then.bare, then.basis)[1] - square
+        fallen = best_of_its_form(term, then.bare, then.basis.alone)[1] - square
         advance(1, f"sum of squares {fallen:+.3g}, damping {DAMPING[number]:g}", {"fallen": fallen})
         if fallen <= OF_ITS_ERROR**2:
             return then, there, number, ""
@@ -598,10 +601,10 @@ def at_spot(known: LinearModel, here: Traced, there: Case, structure: Structure,
     least = None if there.model.missing is None else there.model.missing.spot(len(term.basis.grid.time))
     assert least is not None, "a spot has a place"
     hats, shown = partial(_every_hat, there, structure, term.basis.kind), partial(_shown, there, structure, term.basis.kind)
-    first = hats(term.basis.grid)
-    weight = likeliest(known, first)
-    beside = beside_term(known, there, there.parameters, replace(term, weight=weight), first)
-    return nearest(beside, hats, shown, first, here.rows, here.split, weight=weight, least=least.spread)
+    found = nearest(known.residual, hats, shown, hats(term.basis.grid), weight=term.weight, least=least.spread)
+    weight = likeliest(known, found.alone)
+    beside = beside_term(known, there, there.parameters, replace(term, basis=found, weight=weight), found)
+    return field_of(beside, found, here.rows, here.split, weight)
 
 
 def _rests(term: MissingField, rest: np.ndarray) -> bool:

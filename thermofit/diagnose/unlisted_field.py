@@ -55,6 +55,12 @@ class Basis:
         """Rows of the channel that shows it."""
         return self.rows[: self.n_own or len(self.rows)]
 
+    @property
+    def alone(self) -> Basis:
+        """The hats without columns of other terms behind them."""
+        m = len(self.chosen)
+        return replace(self, columns=self.columns[:, :m], rough=self.rough[:m, :m])
+
     def full(self, q: np.ndarray) -> np.ndarray:
         """Coefficients (n_k, n_y, n_x, n_c) of all hats, zero where not chosen."""
         out = np.zeros(self.grid.size)

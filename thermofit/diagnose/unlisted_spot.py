@@ -17,8 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
-from thermofit.diagnose.held_out import Rows, Split
-from thermofit.diagnose.unlisted_field import Basis, MissingField, field_of, with_parameters
+from thermofit.diagnose.unlisted_field import Basis, MissingField, with_parameters
 from thermofit.diagnose.unlisted_place import Place
 from thermofit.experiment.missing import Grid
 from thermofit.fit.linear_model import LinearModel, Room
@@ -39,23 +38,25 @@ Shown = Callable[[Grid, np.ndarray], np.ndarray]
 """What coefficients (m,) of the hats of a grid make of the residual (n,)."""
 
 
-def nearest(
-    known: LinearModel, hats: Callable[[Grid], Basis], shown: Shown, hat: Basis, rows: Rows, split: Split, *, weight: float, least: float
-) -> MissingField:
-    """The spot whose middle and spread, from those of hats at hand, fit best with lambda, by Gauss-Newton steps that are taken as far as
+def nearest(residual: np.ndarray, hats: Callable[[Grid], Basis], shown: Shown, hat: Basis, *, weight: float, least: float) -> Basis:
+    """The spot whose middle and spread, from those of hats at hand, fit best with lambda beside parameters that stay where they left the
+    residual r (n,), by Gauss-Newton steps that are taken as far as
 
-        |r + J x + B q|^2 + lambda q^T R q
+        min_q |r + B q|^2 + lambda q^T R q
 
-    falls. No step goes farther than FARTHEST, nor the spread below the least. Where it is held up there the middle goes where it fits best
+    falls. Beside parameters that are free it would be the best one for where they want to go: where their step is then cut, or taken in
+    part, the squares rise the more the shorter it is.
+
+    No step goes farther than FARTHEST, nor the spread below the least. Where it is held up there the middle goes where it fits best
     beside it: of a spread that the mesh hardly shows a free step is no direction. Behind its hats stand columns of a middle that is 1 mm
     lower, of a velocity that is 1 mm/s less where it travels, and of ln s, which the uncertainty of all others knows of; of ln s none where
     it would go below the least. `weight`: lambda; `least`: the least spread in mm."""
-
-    q, _, square = with_parameters(known, hat, weight)
+    stay = LinearModel(residual, np.zeros((len(residual), 0)))
+    q, _, square = with_parameters(stay, hat, weight)
     for turn in range(MOST + 1):
         ways = _ways(hat.grid, q)
         both = _with_place(shown, hat, q, ways)
-        moved, posterior, _ = with_parameters(known, both, weight)
+        moved, posterior, _ = with_parameters(stay, both, weight)
         m = len(hat.chosen)
         if not np.diag(posterior)[m:].all():
             break  # what has no power has no place
@@ -63,13 +64,13 @@ def nearest(
         if near or turn == MOST:
             break
         tried = (hats(_moved(hat.grid, ways, part * step)) for part in HALVED)
-        ends = ((one, with_parameters(known, one, weight)) for one in tried)
+        ends = ((one, with_parameters(stay, one, weight)) for one in tried)
         found = next(((one, end) for one, end in ends if end[2] < square), None)
         if found is None:
             break
         hat, (q, _, square) = found
     narrower = hat.grid.spread * np.exp(moved[-1]) < least
-    return field_of(known, _without_spread(both) if narrower else both, rows, split, weight)
+    return _without_spread(both) if narrower else both
 
 
 def travels(term: MissingField, place: Place) -> np.ndarray | None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import seen_field
 from coupon_sets import TRUTH, pulled_record
+from said_progress import said_progress
 
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import TINY, Case, feels_rate, linearised, nowhere, scans
@@ -48,6 +49,22 @@ def test_only_overstress_is_asked_beside_neutral() -> None:
     both = (*known, effect("rate_logarithmic"))
     linearised(replace(case, known=both, parameters=AT.replace(**{"rate_logarithmic.C": 0.01}).with_free(("rate_logarithmic.C",))))
     assert seen[-1]["rate_power.K"] == 0.0, "an overstress that is on makes points flow; a second one may be more than the run bears"
+
+
+def test_a_run_that_asks_all_effects_of_a_body_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes as long as several evaluations of a fit, which are shown as well. That of coupons is over at once."""
+    said = said_progress(monkeypatch, "thermofit.diagnose.case")
+
+    def columns(_: Any, names: tuple[str, ...], directions: Any = ()) -> tuple[np.ndarray, ...]:
+        return np.zeros(3), np.zeros((3, len(names))), np.zeros((3, len(directions)))
+
+    known = tuple(effect(name) for name in ("yield_plateau", "second_hardening"))
+    model = cast(Any, SimpleNamespace(linearised=lambda *given: columns(*given)[:2]))
+    case = Case(model, AT, known, (Span("all", 0.0, 1.0),), frozenset(), scored=cast(Any, columns))
+    linearised(replace(case, scored=None))
+    assert not said
+    linearised(case)
+    assert said == [("influence of the effects", "2 effects, 3 columns", None)]
 
 
 def test_where_records_of_coupons_flow() -> None:

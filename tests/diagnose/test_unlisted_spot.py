@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from refits import fitted
+from said_progress import said_progress
 from scipy.stats import norm
 from strip import BASE, MODEL, Source, strip_case
 
@@ -272,19 +272,24 @@ def test_a_place_that_is_moved_a_little_is_asked_for_its_coefficients_alone(
     assert steps >= 1 and asked == {True: 2 * (steps + 1), False: 1 + steps}
 
 
+def test_a_search_for_what_nobody_lists_says_what_it_asks(one: tuple[Traced, Unlisted, Unlisted], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each question takes as long as an evaluation of a fit."""
+    here, _, spot = one
+    said = said_progress(monkeypatch, module.__name__)
+    monkeypatch.setattr(module, "told", lambda *_: spot)
+    monkeypatch.setattr(module, "or_rival", lambda *_: spot)
+    assert unlisted(here, [spot.structure], []) is spot
+    asked = ["parameters that it has not driven off", "a term with a place", *2 * ["a term that is the same everywhere"]]
+    assert said == [("unlisted terms", f"theta: {words}", None) for words in asked]
+
+
 def test_parameters_that_settle_beside_a_spot_say_how_far_they_are(
     one: tuple[Traced, Unlisted, Unlisted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each step takes minutes on a body: all that were tried are shown, and stand in the log."""
     here, _, spot = one
     assert spot.field is not None
-    said: list[tuple[str, str, Any]] = []
-
-    @contextmanager
-    def shown(description: str, total: float | None) -> Iterator[Any]:
-        yield lambda n=1.0, note="", told=None: said.append((description, note, told))
-
-    monkeypatch.setattr(module, "progress", shown)
+    said = said_progress(monkeypatch, module.__name__)
     begin = replace(here, case=replace(here.case, parameters=spot.parameters))
     module.settled(begin, spot.structure, spot.field)
     assert 1 <= len(said) <= module.MOST_STEPS

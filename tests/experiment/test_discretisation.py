@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from said_progress import said_progress
 from virtual_pulls import TIME, TRUTH, data, study
 
 from thermofit.body.mesh.planes import longest
@@ -54,11 +55,14 @@ def joint(free: tuple[str, ...], parameters: Parameters, size: MeshSize = FINE, 
     return replace(plain, data=replace(plain.data, displacement=seen(plain.data.displacement), temperature=seen(plain.data.temperature)))
 
 
-def test_the_corrected_model_shows_what_a_fine_mesh_would() -> None:
-    """A good part of the error is gone in every channel, and what is left is about the part that is not trusted to be gone, or less."""
+def test_the_corrected_model_shows_what_a_fine_mesh_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A good part of the error is gone in every channel, and what is left is about the part that is not trusted to be gone, or less. It
+    takes minutes on a body, and says what it is at."""
+    said = said_progress(monkeypatch, "thermofit.experiment.discretisation")
     parameters = Parameters.of(TRUTH, ("E",))
     here = joint(("E",), parameters)
     found = corrected(here, parameters)
+    assert said == [("errors of force, mesh and steps", of, None) for of in ("of the force", "of mesh and steps")]
     plain, after = here.model.residual(parameters), found.joint.model.residual(parameters)
     fine = replace(here, size=FINE).model.residual(parameters)
     begin = 0

@@ -24,6 +24,7 @@ from thermofit.experiment.residuals import Span, span_of
 from thermofit.experiment.trust import Bounds, physical
 from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
+from thermofit.records.progress import progress
 
 TINY = 1e-3
 """Part of its probe at which a dormant effect of the body is asked for its influence. At neutral itself a point that rests on the yield
@@ -394,7 +395,9 @@ def linearised(case: Case, fit: FitResult | None = None) -> Linearised:
             if case.scored is None:
                 residual, columns = case.model.linearised(there, names)
             else:
-                residual, columns, along = case.scored(there, names, directions)
+                with progress("influence of the effects", None) as advance:
+                    residual, columns, along = case.scored(there, names, directions)
+                    advance(1, f"{len(dormant)} effects, {len(names) + len(directions)} columns")
         except NumericsError:
             if not nearer:
                 raise

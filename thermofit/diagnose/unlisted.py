@@ -119,20 +119,25 @@ def unlisted(here: Traced, hold: Sequence[Structure], explains: Sequence[str], b
     """
     every = [s.effect for s in here.ranking.scores]
     found = []
-    for structure in hold:
-        if best_listed(here, structure, explains)[1] >= HALF:
-            continue
-        apart, failed = undriven(here, structure)
-        term, there = sought(here, apart, structure)
-        terms = [] if term is None else [Sought(term, there, there is not here)]
-        protected = [] if apart is here else [(through_surface, apart)]
-        for other, where in ((through_surface, here), *protected, (of_instrument, here)):
-            instead = other(here, where, structure, terms[0].term if terms else None)
-            terms = terms if instead is None else [instead, *terms]
-        law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
-        proofs = [p.gain for p in (terms[0].term.proof if terms else None, believed_law(law)) if p is not None]
-        if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
-            found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), terms, apart, failed, law))
+    with progress("unlisted terms", None) as advance:
+        for structure in hold:
+            seen = structure.blocks.channel
+            if best_listed(here, structure, explains)[1] >= HALF:
+                continue
+            apart, failed = undriven(here, structure)
+            advance(1, f"{seen}: parameters that it has not driven off")
+            term, there = sought(here, apart, structure)
+            advance(1, f"{seen}: a term with a place")
+            terms = [] if term is None else [Sought(term, there, there is not here)]
+            protected = [] if apart is here else [(through_surface, apart)]
+            for other, where in ((through_surface, here), *protected, (of_instrument, here)):
+                instead = other(here, where, structure, terms[0].term if terms else None)
+                terms = terms if instead is None else [instead, *terms]
+                advance(1, f"{seen}: a term that is the same everywhere")
+            law = state_law(here, structure) if kind_of(here.case, structure) == "stress" else None
+            proofs = [p.gain for p in (terms[0].term.proof if terms else None, believed_law(law)) if p is not None]
+            if proofs or not kind_of(here.case, structure) or _told_alone(here, structure, base):
+                found.append((max(proofs, default=-np.inf), structure, best_listed(here, structure, every), terms, apart, failed, law))
     for _, structure, listed, terms, apart, failed, law in sorted(found, key=lambda f: -f[0]):
         others = tuple(s.blocks.channel for _, s, *_ in found if s is not structure)
         alone = Unlisted(structure.blocks.channel, structure, listed, None, None, (), others, here.case.parameters, law=law)

@@ -38,6 +38,7 @@ from thermofit.experiment.model import StageModel
 from thermofit.experiment.prediction import Errors
 from thermofit.fit.linear_model import LinearModel
 from thermofit.observe.observation import FieldObservation, ReadsFace, face_operator, smooth_operator
+from thermofit.records.progress import progress
 from thermofit.study.section import MeshSize, SheetSize
 from thermofit.study.study import Study
 
@@ -176,9 +177,12 @@ def corrected(joint: Joint, parameters: Parameters, beside: MissingTerm | None =
     Data of a specimen hold all of these errors, those of a virtual test on the same mesh nothing of them: the shares are those that the
     residual shows beyond what the fitted parameters, and the term, could take up.
     """
-    history, coarse = joint.shown(parameters)
-    joint = with_force_error(joint, parameters)
-    errors = numerical_errors(joint, parameters, history, coarse, beside)
+    with progress("errors of force, mesh and steps", None) as advance:
+        history, coarse = joint.shown(parameters)
+        joint = with_force_error(joint, parameters)
+        advance(1, "of the force")
+        errors = numerical_errors(joint, parameters, history, coarse, beside)
+        advance(1, "of mesh and steps")
     exact = joint.without_force_error().model
 
     def told(model: StageModel) -> Parts:

@@ -189,7 +189,7 @@ def stepping(
     monkeypatch.setattr(module, "LinearModel", lambda kappa, _: kappa)
     monkeypatch.setattr(module, "basis", lambda *_: hat)
     monkeypatch.setattr(module, "over_time", lambda known, *_: term(None, known))
-    monkeypatch.setattr(module, "best_of_its_form", lambda _, kappa, __: (None, (kappa - least) ** 2))
+    monkeypatch.setattr(module, "best_of_its_form", lambda _, kappa, basis: (None, (kappa - least) ** 2 if basis is hat else np.inf))
     monkeypatch.setattr(module, "proved", lambda *_: GOOD)
     found, parameters, said = module.settled(here, cast(Any, None), term(None, begin))
     return found, parameters["kappa"], said, tried

@@ -149,24 +149,18 @@ def test_a_search_that_was_cut_short_has_not_settled(monkeypatch: pytest.MonkeyP
 
 
 def test_a_place_goes_with_parameters_that_stay() -> None:
-    """Where the level is 3 times the noise off, no place beside the one that is found leaves less with that level. Beside a level that is
-    free another one would be the best. What is left of a step is that of the level as well."""
+    """Where a level is off by 3 times the noise, no place beside the one that is found leaves less with that level. Where the level has
+    stepped back another one is the best."""
     model, *data = seen(7.3, 3.0)
-    off = model.residual + 3.0 * model.columns[:, 0]
-    found = nearest(off, hats_at, shown_at, hats_at(GRID), weight=1e-3, least=0.5)
+    off = replace(model, residual=model.residual + 3.0 * model.columns[:, 0])
+    grid = nearest(off.residual, hats_at, shown_at, hats_at(GRID), weight=1e-3, least=0.5).grid
 
-    def left(grid: Grid) -> float:
-        return best_beside(off, replace(field.basis, **alone(hats_at(grid))), 1e-3)[1]
+    def left(one: Grid) -> float:
+        return best_beside(off.residual, hats_at(one), 1e-3)[1]
 
-    def alone(hat: Basis) -> dict[str, Any]:
-        return {"columns": hat.columns, "rough": hat.rough, "grid": hat.grid}
-
-    field = field_of(replace(model, residual=off), found, *data, 1e-3)
-    grid = found.grid
     for y, spread in ((0.05, 1.0), (-0.05, 1.0), (0.0, 1.01), (0.0, 0.99)):
         assert left(replace(grid, y=grid.y + y, spread=grid.spread * spread)) > left(grid)
-    free = spot_from(replace(model, residual=off), hats_at, shown_at, GRID, data, 0.5)
-    assert left(free.basis.grid) > left(grid) + 1.0 and abs(free.step[0]) < 0.1
+    assert left(spot_from(off, hats_at, shown_at, GRID, data, 0.5).basis.grid) > left(grid) + 1.0
 
 
 def test_a_spot_grows_again_from_the_least() -> None:

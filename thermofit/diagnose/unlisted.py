@@ -572,7 +572,7 @@ def falling(
     last, with which the sum of squares rises by no more than OF_ITS_ERROR of a standard error makes, these parameters, and the number of
     the damping; None and where they were where it rises with each, and why the last could not be run where it could not."""
     failed = ""
-    square = best_of_its_form(term, term.bare, term.basis.alone)[1]
+    square = best_of_its_form(term, term.bare, where_it_is(term.basis))[1]
     for number in range(max(tried - 1, 0), len(DAMPING)):
         step = step_taken(parameters, (term.step, term.together), bounds, DAMPING[number], share)
         there = parameters.with_vector(parameters.vector() + step)
@@ -582,11 +582,17 @@ def falling(
             failed = str(error)
             advance(1, "failed")
             continue
-        fallen = best_of_its_form(term, then.bare, then.basis.alone)[1] - square
+        fallen = best_of_its_form(term, then.bare, where_it_is(then.basis))[1] - square
         advance(1, f"sum of squares {fallen:+.3g}, damping {DAMPING[number]:g}", {"fallen": fallen})
         if fallen <= OF_ITS_ERROR**2:
             return then, there, number, ""
     return None, parameters, len(DAMPING), failed
+
+
+def where_it_is(basis: Basis) -> Basis:
+    """The hats of a spot where it is, without what its middle and its spread would do if they went on, which is of first order alone. What
+    the middle of an offset along the load does is exact, and stays with its hats."""
+    return basis.alone if basis.grid.spread else basis
 
 
 def at_parameters(here: Traced, there: Case, structure: Structure, term: MissingField) -> MissingField:

@@ -44,8 +44,7 @@ def nearest(residual: np.ndarray, hats: Callable[[Grid], Basis], shown: Shown, h
 
         min_q |r + B q|^2 + lambda q^T R q
 
-    falls. Beside parameters that are free it would be the best one for where they want to go: where their step is then cut, or taken in
-    part, the squares rise the more the shorter it is.
+    falls. Beside parameters that are free it would be the best one for where a whole step takes them, and a step may be cut or damped.
 
     No step goes farther than FARTHEST, nor the spread below the least. Where it is held up there the middle goes where it fits best
     beside it: of a spread that the mesh hardly shows a free step is no direction. Behind its hats stand columns of a middle that is 1 mm

@@ -14,7 +14,7 @@ from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Proof, Rows
 from thermofit.diagnose.unlisted import closer_grid, sought, unlisted
 from thermofit.diagnose.unlisted_field import believed
-from thermofit.diagnose.unlisted_loop import in_their_stead, needed_elsewhere, resembled_by
+from thermofit.diagnose.unlisted_loop import in_their_stead, needed_elsewhere, resembled_by, terms_of
 from thermofit.diagnose.unlisted_place import compact, when_of
 from thermofit.diagnose.unlisted_structure import ChannelBlocks, Structure, alternating
 from thermofit.fit.memory import differences
@@ -277,21 +277,35 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     monkeypatch.setattr(loop, "without_effects", lambda *_: None)
     monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
     monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
-    found: Any = SimpleNamespace(structure=structure_of(excess))
+    found: Any = SimpleNamespace(structure=structure_of(excess), law=None)
     field: Any = SimpleNamespace(basis=SimpleNamespace(kind="heat"), after=None, steps=())
     assert resembled_by(closed_of(), ("a",), found, field) is taken
+    over_state: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None, steps=())
+    of_law: Any = SimpleNamespace(structure=found.structure, law=SimpleNamespace(field=over_state))
+    assert resembled_by(closed_of(), ("a",), of_law, over_state) is taken
     monkeypatch.setattr(loop, "field_of", lambda *_: pytest.fail("hats in the stead of steps would hold against the effect what they miss"))
     monkeypatch.setattr(loop, "over_time", lambda *_: SimpleNamespace(after=None))
     steps: Any = SimpleNamespace(basis=SimpleNamespace(kind="flux"), after=None, steps=((30.0, 0.01),))
     assert resembled_by(closed_of(), ("a",), found, steps) is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
-    assert not resembled_by(closed_of(), ("a",), found, stress), "a stress over time follows whatever is smooth"
+    for known in (found, of_law):
+        assert not resembled_by(closed_of(), ("a",), known, stress), "a stress over time follows whatever is smooth"
     for kind in ("strain", "scale", "displacement"):
         cameras: Any = SimpleNamespace(basis=SimpleNamespace(kind=kind), after=None, steps=((30.0, 0.01),))
         assert not resembled_by(closed_of(), ("hardening_curve",), found, cameras), "it follows the flow under a force, whatever that is"
         assert resembled_by(closed_of(), ("dic_tilt",), found, cameras) is taken
     monkeypatch.setattr(loop, "contradicted", lambda *_: ("theta_air",))
     assert resembled_by(closed_of(), ("a",), found, steps) is not needed, "what drives a declared reading is no answer, whatever it takes"
+
+
+@pytest.mark.parametrize(("sigma", "asked"), [(0.033, True), (0.034, False)])
+def test_effects_are_asked_for_again_beside_the_field_and_a_law_that_held_out_data_ask_for(sigma: float, asked: bool) -> None:
+    field, law = SimpleNamespace(), SimpleNamespace(field=SimpleNamespace(proof=replace(GOOD, gain=0.1, sigma=sigma)))
+    beside = [law.field] if asked else []
+    for known, own in ((field, [field]), (None, [])):
+        found: Any = SimpleNamespace(field=known, law=law)
+        assert terms_of(found) == [*own, *beside]
+        assert terms_of(cast(Any, SimpleNamespace(field=known, law=None))) == own
 
 
 def stead(

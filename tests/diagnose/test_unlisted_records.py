@@ -124,6 +124,15 @@ def test_a_misfit_of_cycles_that_no_term_takes_is_told(scripts: Any) -> None:
     assert row["after"]["stress"] > 3.0
 
 
+def test_an_effect_that_a_law_over_the_state_does_not_need_only_resembled_it(scripts: Any) -> None:
+    """A law of the rate, ten times the smallest that can be seen, and none in the catalogue: a yield stress that is another one under
+    compression takes half of it, for the test flows back slowly. Beside a law over the rate it is not needed."""
+    run = {"driver": "point", "kind": "rate_logarithmic", "times": 10.0, "knocked": True, "seed": 1602305}
+    row = scripts("operating_run").run_one("point", run)
+    assert row["without"] == ["rate_logarithmic", "rate_power"]
+    assert row["accepted"] == [] and "tension_compression" in row["dropped"] and row["unlisted"] == "stress"
+
+
 def test_what_accepted_effects_leave_stands_beside_them(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The residual of the base model says how much of it that is; none is asked of where nothing was accepted."""
     case = case_of(tmp_path, 1)
@@ -153,3 +162,4 @@ class _Replaceable:
     remark: str
     resembles: tuple[str, ...]
     beside: tuple[str, ...]
+    law: Any = None

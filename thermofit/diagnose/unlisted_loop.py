@@ -15,7 +15,7 @@ from thermofit.diagnose.case import Refit
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
 from thermofit.diagnose.trace import Traced, at_end
-from thermofit.diagnose.unlisted import Unlisted, broad_basis, camera_bases, over_time, structured, unlisted
+from thermofit.diagnose.unlisted import Unlisted, believed_law, broad_basis, camera_bases, over_time, structured, unlisted
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, MissingField, field_of
 from thermofit.diagnose.unlisted_structure import Structure
 from thermofit.effects.catalogue import effect
@@ -36,11 +36,11 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     resembles: list[str] = []
     while closed.accepted:
         names: tuple[str, ...] = ()
-        field = None if found is None else found.field
-        if found is not None and field is not None:
-            names = next(((n,) for n in closed.accepted if n not in resembles and resembled_by(closed, (n,), found, field)), ())
+        if found is not None:
+            asked = ((n, term) for term in terms_of(found) for n in closed.accepted if n not in resembles)
+            names = next(((n,) for n, term in asked if resembled_by(closed, (n,), found, term)), ())
         if not names and not resembles:
-            names = in_their_stead(closed, hold, by_cameras_alone=field is not None)
+            names = in_their_stead(closed, hold, by_cameras_alone=found is not None and found.field is not None)
         if not names:
             break
         resembles += names
@@ -62,12 +62,19 @@ def _base(closed: Closed) -> np.ndarray | None:
     return closed.first.columns.residual if closed.accepted else None
 
 
+def terms_of(found: Unlisted) -> list[MissingField]:
+    """The terms of what is missing beside which effects may not be needed: the field, and on coupons the law over the state."""
+    law = found.law.field if found.law is not None and believed_law(found.law) is not None else None
+    return [term for term in (found.field, law) if term is not None]
+
+
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: MissingField) -> bool:
     """True where the effects left too much behind or have driven declared readings beyond their errors, and are not needed beside the
-    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it. Nor
-    is a curve of any form for a displacement (`says_more`)."""
+    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it, but
+    for a law over the state. Nor is a curve of any form for a displacement (`says_more`)."""
     blocks, end = found.structure.blocks, closed.last.case
-    if field.basis.kind == "stress" or says_more(names, field.basis.kind):
+    over_time_alone = field.basis.kind == "stress" and (found.law is None or field is not found.law.field)
+    if over_time_alone or says_more(names, field.basis.kind):
         return False
     answers = found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual)
     if answers and not contradicted(end.model.priors, end.parameters):

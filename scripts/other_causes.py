@@ -43,16 +43,17 @@ SAYS_NOTHING = 0.5
 HEAT, MOTION = ("dtheta", "theta", "heat"), ("du", "u", "force", "stress")
 
 
-Camera = Callable[[np.ndarray, np.ndarray, float, float], np.ndarray]
-IR, DIC = "ir", "dic"
-"""In place of a slot: what a camera writes is changed in its raw files."""
+Camera = Callable[..., Any]
+IR, DIC, IR_CLOCK = "ir", "dic", "ir clock"
+"""In place of a slot: what a camera writes is changed in its raw files, or the time that it says."""
+OF_FILES = (IR, DIC, IR_CLOCK)
 
 
 @dataclass(frozen=True)
 class Cause:
     """An effect file without its heading: slot, facet sets, function, the effects of the catalogue that are its family, channels. Of a
     camera (IR, DIC) the function gives the values of pixels (in degrees Celsius) or points from these, their places y in mm, the time in s
-    and the amount."""
+    and the amount; of its clock (IR_CLOCK) the time that it says from that and the amount."""
 
     slot: str
     function: str | Camera
@@ -184,6 +185,35 @@ CAUSES: dict[str, Cause] = {
         ("dic_scale", "dic_tilt", "dic_out_of_plane", "bending"),
         MOTION,
     ),
+    "draught": Cause(
+        "surface_flux",
+        "def surface_flux(theta, time, surroundings, amount):\n"
+        "    return amount * (theta - surroundings) * 0.5 * (1.0 + np.tanh((time - 150.0) / 5.0))\n",
+        ("air_convection", "radiation", "lamp", "air_drift"),
+        HEAT,
+        ("air",),
+    ),
+    "film-by-difference": Cause(
+        "surface_flux",
+        "def surface_flux(theta, time, surroundings, amount):\n"
+        "    d = theta - surroundings\n    return amount * d * (d * d + 0.01) ** 0.125\n",
+        ("air_convection", "radiation", "lamp", "air_drift"),
+        HEAT,
+        ("air",),
+    ),
+    "heat-by-rate": Cause(
+        "dissipation",
+        "def dissipation(accumulated, rate, theta, law, amount):\n    return 1.0 + amount * np.log1p(rate / 3e-4)\n",
+        ("stored_energy", "latent_heat"),
+        HEAT,
+    ),
+    "clock-runs-slow": Cause(IR_CLOCK, lambda time, amount: time * (1.0 + amount), ("ir_clock", "ir_lag"), HEAT),
+    "emissivity-by-place": Cause(
+        IR,
+        lambda theta, y, time, amount: theta + amount * (theta - 23.5) * y / 20.0,
+        ("ir_emissivity", "ir_gain", "ir_reflection"),
+        HEAT,
+    ),
 }
 RUNS: dict[str, dict[str, float]] = {
     "pulse-source": {"pulse-source": 0.25},
@@ -218,6 +248,12 @@ RUNS: dict[str, dict[str, float]] = {
     "hardening-gives-way": {"hardening-gives-way": 8.0},
     "dic-distorts": {"dic-distorts": 0.003},
     "camera slides, jaws step": {"camera-slides": 0.4, "jaws-step": 1.2},
+    "draught": {"draught": 0.006},
+    "film-by-difference": {"film-by-difference": 0.003},
+    "heat-by-rate": {"heat-by-rate": 0.15},
+    "clock-runs-slow": {"clock-runs-slow": 0.006},
+    "emissivity-by-place": {"emissivity-by-place": 0.01},
+    "rate and jaws step": {"rate-by-arsinh": 5.0, "jaws-step": 1.2},
 }
 """What is planted in each run, and how much of it."""
 
@@ -283,9 +319,15 @@ def effect_file(name: str, cause: Cause) -> str:
 
 def change_raw(raw: Path, cause: Cause, amount: float) -> None:
     """Change what a camera has written into the files of a raw folder."""
+    assert callable(cause.function)
+    if cause.slot == IR_CLOCK:
+        for path in sorted((raw / IR).glob("*.csv")):
+            first, rest = path.read_text(encoding="ascii").split("\n", 1)
+            words, said = first.split(":")
+            path.write_text(f"{words}: {cause.function(float(said), amount):.3f}\n{rest}", encoding="ascii")
+        return
     pixel = yaml.safe_load((raw / "experiment.yaml").read_text(encoding="utf-8"))["ir"]["landmarks"]["length"]
     mm = float(pixel["length_mm"]) / float(np.linalg.norm(np.subtract(pixel["p1"], pixel["p2"])))
-    assert callable(cause.function)
     for path in sorted((raw / cause.slot).glob("*.csv")):
         lines = path.read_text(encoding="ascii").splitlines()
         time, head = float(lines[0].split(":")[1]), 1 if cause.slot == IR else 2
@@ -313,7 +355,7 @@ def tried(name: str, specimen: str, seed: int, keep: Path | None) -> dict[str, A
     with tempfile.TemporaryDirectory() as passing:
         folder = Path(passing) if keep is None else keep / f"{name}-{specimen}".replace(" ", "-").replace(",", "")
         folder.mkdir(parents=True, exist_ok=True)
-        own = {cause: cause.replace("-", "_") + "_planted" for cause in planted if CAUSES[cause].slot not in (IR, DIC)}
+        own = {cause: cause.replace("-", "_") + "_planted" for cause in planted if CAUSES[cause].slot not in OF_FILES}
         for cause, file in own.items():
             (folder / f"{file}.py").write_text(effect_file(cause, CAUSES[cause]), encoding="utf-8")
         amounts = {f"{own[cause]}.amount": amount for cause, amount in planted.items() if cause in own}

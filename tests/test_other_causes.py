@@ -44,6 +44,8 @@ def test_causes_of_cameras_change_what_they_wrote(study: Any, tmp_path: Path) ->
     assert head == "# time_s: 200.000"
     # Rows are 5 mm apart, the first one at y = 10 mm: 0.4 K per 20 mm and 400 s.
     assert [row.split(",")[1] for row in rows] == ["21.250", "21.200", "21.150", "21.100", "21.050"]
+    study.change_raw(tmp_path, study.CAUSES["clock-runs-slow"], 0.01)
+    assert (tmp_path / "ir" / "frame_0001.csv").read_text(encoding="ascii").splitlines() == ["# time_s: 202.000", *rows]
     study.change_raw(tmp_path, study.CAUSES["dic-drifts"], 0.1)
     lines = (tmp_path / "dic" / "stage_0001.csv").read_text(encoding="ascii").splitlines()
     assert lines[:2] == stage.splitlines()[:2] and lines[2] == "7,1.5,-20,0.6,0.105,2.1,0.0105"

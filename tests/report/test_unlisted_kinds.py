@@ -16,7 +16,8 @@ from thermofit.experiment.missing_body import FIELDS, OF_CAMERAS, OF_SURFACE
 from thermofit.experiment.missing_coupon import OF_INSTRUMENTS
 from thermofit.report.unlisted import effect_file, place_in_words
 
-JAWS = OF_SURFACE[1:]
+JAWS = tuple(kind for kind in OF_SURFACE if KINDS[kind].alike == "jaws")
+AIR = ("flux", "film")
 ALIKE = (*OF_SURFACE, *(kind for kinds in OF_CAMERAS.values() for kind in kinds))
 OF_RECORDS = tuple(kind for kinds in OF_INSTRUMENTS.values() for kind in kinds)
 """What instruments add to records of coupons; their files hold what it makes of the temperature (test_unlisted_records.py)."""
@@ -24,7 +25,7 @@ SLOTS = {
     **dict.fromkeys(JAWS, "boundary_temperature"),
     **dict.fromkeys(("strain", "scale"), "camera"),
     **dict.fromkeys(("offset", "gradient", "clock"), "sensor"),
-    "flux": "surface_flux",
+    **dict.fromkeys(AIR, "surface_flux"),
 }
 
 
@@ -55,7 +56,7 @@ def test_the_file_of_a_term_of_no_place_loads(tmp_path: Path, kind: str, monkeyp
     path = tmp_path / f"{file.name}.py"
     path.write_text(file.text, encoding="utf-8")
     effect = load_effect(path)
-    assert effect.slot == SLOTS[kind] and effect.on == (("clamp",) if kind in JAWS else ("air",) if kind == "flux" else ())
+    assert effect.slot == SLOTS[kind] and effect.on == (("clamp",) if kind in JAWS else ("air",) if kind in AIR else ())
 
 
 @pytest.mark.parametrize(

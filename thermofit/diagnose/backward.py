@@ -17,7 +17,6 @@ from thermofit.effects.catalogue import effect
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
-"""Minimise the joint objective from given parameters (`free` names the fitted ones); the text names the fit."""
 STANDS_IN = 0.2
 """Part of an effect's square that held exponents of the others could take, from which a refit asks whether they do."""
 

@@ -431,7 +431,7 @@ def histories(case: Case, structure: Structure, term: MissingField) -> dict[str,
     missing = case.model.missing
     assert missing is not None, "the term has a kind"
     kinds = other_kinds(case, structure, term)
-    return {kind: _every_hat(case, structure, kind, missing.grid(kind, COUNTS[kind])) for kind in kinds}
+    return {kind: every_hat(case, structure, kind, missing.grid(kind, COUNTS[kind])) for kind in kinds}
 
 
 def other_kinds(case: Case, structure: Structure, term: MissingField) -> list[str]:
@@ -449,17 +449,17 @@ def alike_basis(here: Traced, structure: Structure, kind: str, most: int = MOST_
     missing = here.case.model.missing
     assert missing is not None, "it has kinds"
     grid = missing.grid(kind, (min(COUNTS[kind][0], most), 1, 1))
-    hats = partial(_every_hat, here.case, structure, kind)
+    hats = partial(every_hat, here.case, structure, kind)
     return hats(found_middle(here.problem.model, hats, grid, here.rows, here.split) if KINDS[kind].about else grid)
 
 
 def alike_beside(case: Case, structure: Structure, term: MissingField) -> Basis:
     """The hats of a term that is the same everywhere where the parameters of a case are, and what its middle does."""
-    hats = partial(_every_hat, case, structure, term.basis.kind)
+    hats = partial(every_hat, case, structure, term.basis.kind)
     return with_middle(hats, term) if KINDS[term.basis.kind].about else hats(term.basis.grid)
 
 
-def _every_hat(case: Case, structure: Structure, kind: str, grid: Grid) -> Basis:
+def every_hat(case: Case, structure: Structure, kind: str, grid: Grid) -> Basis:
     """All whitened hats of a grid."""
     return basis(case, structure, kind, grid, np.arange(grid.size))
 
@@ -602,16 +602,34 @@ def at_parameters(here: Traced, there: Case, structure: Structure, term: Missing
     if own.grid.spread:
         return at_spot(known, here, there, structure, term)
     alike = own.grid.places == 1 and there.model.segments is None
-    hat = alike_beside(there, structure, term) if alike else basis(there, structure, own.kind, own.grid, own.chosen)
+    if own.kind == "film":
+        hat = film_beside(known.residual, there, structure, term)
+    else:
+        hat = alike_beside(there, structure, term) if alike else basis(there, structure, own.kind, own.grid, own.chosen)
     known = beside_term(known, there, parameters, term, hat)
     return over_time(known, hat, here) if alike else field_of(known, hat, here.rows, here.split)
+
+
+def film_beside(residual: np.ndarray, case: Case, structure: Structure, term: MissingField) -> Basis:
+    """The hats of a film that changes by as much as they then say, beside parameters that stay where they left the residual r (n,): what it
+    lets out goes with temperatures, and these with what it has let out. NumericsError where that comes to no end."""
+    hats = partial(every_hat, case, structure, term.basis.kind)
+    hat = hats(about(term))
+    for _ in range(MOST_STEPS):
+        q = best_of_its_form(term, residual, hat)[0]
+        before = hat.grid.level
+        assert before is not None, "those of the term"
+        if np.abs(q - before).max() <= SETTLED * np.abs(q).max():
+            return hat
+        hat = hats(replace(hat.grid, level=q))
+    raise NumericsError("the change of the film and the temperatures that it leaves do not settle: the film may be none that cools")
 
 
 def at_spot(known: LinearModel, here: Traced, there: Case, structure: Structure, term: MissingField) -> MissingField:
     """The same of a term that is one spot, which moves to where it fits best; `known`: the linear model where the parameters are."""
     least = None if there.model.missing is None else there.model.missing.spot(len(term.basis.grid.time))
     assert least is not None, "a spot has a place"
-    hats, shown = partial(_every_hat, there, structure, term.basis.kind), partial(_shown, there, structure, term.basis.kind)
+    hats, shown = partial(every_hat, there, structure, term.basis.kind), partial(_shown, there, structure, term.basis.kind)
     found = nearest(known.residual, hats, shown, hats(term.basis.grid), weight=term.weight, least=least.spread)
     weight = likeliest(known, found.alone)
     beside = beside_term(known, there, there.parameters, replace(term, basis=found, weight=weight), found)
@@ -729,7 +747,7 @@ def fitted_spot(here: Traced, found: Unlisted, grid: Grid) -> tuple[Unlisted | N
     """An unlisted heat as one spot, from that of a grid, with the parameters fitted beside it; None where they are not told, and why."""
     structure = found.structure
     apart, _ = undriven(here, structure)
-    hat = _every_hat(apart.case, structure, "heat", grid)
+    hat = every_hat(apart.case, structure, "heat", grid)
     first = beside_optimum(here, field_of(apart.problem.model, hat, here.rows, here.split, likeliest(apart.problem.model, hat)))
     term, parameters, remark = settled(apart, structure, first)
     if remark:

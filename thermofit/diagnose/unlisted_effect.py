@@ -8,6 +8,7 @@ from textwrap import indent
 
 import numpy as np
 
+from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.missing import KINDS, Grid
 from thermofit.experiment.missing_body import PER_MILLE
 
@@ -126,6 +127,14 @@ _AT_JAWS = (
 _AT_SURFACE = ("theta: np.ndarray, time: float, surroundings: np.ndarray, scale: float", "Outward flux, mW/mm^2 of current area.")
 _ALIKE: Mapping[str, _Alike] = {
     "flux": _Alike("surface_flux", "q -= scale q_in(t)", *_AT_SURFACE, "-scale * now + 0.0 * theta", ("air",)),
+    "film": _Alike(
+        "surface_flux",
+        "q += scale h(t) (theta - theta_M)",
+        *_AT_SURFACE,
+        "scale * now * (theta - surroundings)",
+        ("air",),
+        FILM_UNIT,
+    ),
     "jaws": _Alike("boundary_temperature", "theta_M += scale T(t)", *_AT_JAWS, "scale * now + 0.0 * y", ("clamp",)),
     "jaw_upper": _Alike("boundary_temperature", "theta_M += scale T(t) where y > 0", *_AT_JAWS, "scale * now * (y >= 0.0)", ("clamp",)),
     "jaw_lower": _Alike("boundary_temperature", "theta_M += scale T(t) where y < 0", *_AT_JAWS, "scale * now * (y <= 0.0)", ("clamp",)),

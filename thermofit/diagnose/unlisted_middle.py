@@ -49,8 +49,11 @@ def with_middle(hats: Hats, term: MissingField) -> Basis:
 
 
 def about(term: MissingField) -> Grid:
-    """The grid of a term, of one about a middle with that which it has found: as far lower as its last coefficient says."""
+    """The grid of a term, of one about a middle with that which it has found: as far lower as its last coefficient says. That of a film
+    says which changes are there, for what it lets out goes with the temperatures that these leave."""
     grid = term.basis.grid
+    if term.basis.kind == "film":
+        return replace(grid, level=term.values[:, 0, 0, 0])
     if not KINDS[term.basis.kind].about:
         return grid
     return replace(grid, y=grid.y - np.sum(term.q[len(term.basis.chosen) :]))

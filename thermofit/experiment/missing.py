@@ -39,6 +39,7 @@ KINDS: Mapping[str, Kind] = {
     "displacement": Kind("mm", "displacement"),
     "stress": Kind("MPa", "stress"),
     "flux": Kind("mW/mm^2", "heat through the free surface", "surface"),
+    "film": Kind("W/(m^2 K)", "change of the film coefficient", "surface"),
     "jaws": Kind("K", "change of the temperature of the jaws", "jaws", drifts=True),
     "jaw_upper": Kind("K", "change of the temperature of the upper jaw", "jaws", "upper", drifts=True),
     "jaw_lower": Kind("K", "change of the temperature of the lower jaw", "jaws", "lower", drifts=True),
@@ -57,7 +58,8 @@ class Grid:
 
     A coupon has one place. `components` is 2 for displacements. Coefficients are ordered (n_k, n_y, n_x, components). With a `spread` s mm
     the one place is the normal density exp(-((y - y_0) / s)^2 / 2) / (sqrt(2 pi) s) 1/mm about the one knot y_0, in the stead of a hat.
-    One that travels lies higher by `along` (n_k,) mm at each knot in time.
+    One that travels lies higher by `along` (n_k,) mm at each knot in time. Of a film, what its hats do is that beside changes of `level`
+    (n_k,) W/(m^2 K) that are there; None: beside none.
     """
 
     time: np.ndarray
@@ -67,6 +69,7 @@ class Grid:
     components: int = 1
     spread: float = 0.0
     along: np.ndarray | None = None
+    level: np.ndarray | None = None
 
     @property
     def heights(self) -> np.ndarray:

@@ -35,8 +35,9 @@ GRIPPED = "clamp"
 OF_CAMERAS = {"theta": ("offset", "gradient", "clock"), "u": ("strain", "scale")}
 """What a camera may add to all of its image: as much everywhere, growing along the load, or what comes of another time; to every length, or
 to every displacement."""
-OF_SURFACE = ("flux", "jaws", "jaw_upper", "jaw_lower")
-"""What may come through the surface, and temperatures show: through all that is free, or from jaws whose temperature changes."""
+OF_SURFACE = ("flux", "film", "jaws", "jaw_upper", "jaw_lower")
+"""What may come through the surface, and temperatures show: through all that is free, by as much everywhere or by a film that changes, or
+from jaws whose temperature changes."""
 HEATING = ("heat", *OF_SURFACE)
 """What runs through the heat equation."""
 SIDES = {"all": 0.0, "upper": 1.0, "lower": -1.0}
@@ -137,9 +138,9 @@ class BodyMissing:
     def answers(
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray | None = None
     ) -> dict[str, np.ndarray]:
-        """Change (n_t, n_s, n_c, m) of observed fields by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area, K of
-        the jaws, mm, K, mK/mm, s and mm/m; m = 1 by an `amount` (m,) of each. The field that shows the kind comes first. A pixel of the
-        infrared camera is given to the point that the displacement cameras say is there, and what is warmer expands."""
+        """Change (n_t, n_s, n_c, m) of observed fields by unit coefficients of the chosen hats; mW/mm^3, mW/mm^2 of current area,
+        W/(m^2 K), K of the jaws, mm, K, mK/mm, s and mm/m; m = 1 by an `amount` (m,) of each. The field that shows the kind comes first. A
+        pixel of the infrared camera is given to the point that the displacement cameras say is there, and what is warmer expands."""
         if kind in HEATING:
             return self._warmed(parameters, self.history(parameters), kind, grid, chosen, amount)
         found = self._added(kind, parameters, grid, chosen)
@@ -158,7 +159,8 @@ class BodyMissing:
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
     ) -> Mapping[str, np.ndarray]:
         """Derivatives (n_t, n_s, n_c, n) along the named parameters of what heats with these coefficients (m,) add to temperatures and
-        displacements, on the motion of the run at `parameters`; none of a kind that does not run through the heat equation."""
+        displacements, on the motion of the run at `parameters`; none of a kind that does not run through the heat equation. What a film
+        lets out goes with the temperatures of a run, so that is made at each of them. NumericsError where one fails."""
         if kind not in HEATING:
             return {}
         history = self.history(parameters)
@@ -167,7 +169,8 @@ class BodyMissing:
         for name in names:
             step = SMALL * max(abs(parameters[name]), param(name).scale)
             moved = parameters.replace(**{name: parameters[name] + step})
-            for field, value in self._warmed(moved, history, kind, grid, chosen, amount).items():
+            there = self.instruments.run(moved) if kind == "film" else history
+            for field, value in self._warmed(moved, there, kind, grid, chosen, amount).items():
                 found[field].append((value - first[field]) / step)
         return {field: np.concatenate(columns, axis=-1) for field, columns in found.items()}
 
@@ -279,7 +282,7 @@ class BodyMissing:
     ) -> Iterator[tuple[int, np.ndarray]]:
         """Temperatures (n_np, m) at every time by unit sources, or (n_np, 1) by an `amount` (m,) of each: steps of the run with the factors
         of its own heat equation. `loads` (n_np, n_places): mW of each place, (n_np, n_k) of one that travels; or of which kind of
-        `OF_SURFACE` they are."""
+        `OF_SURFACE` they are. What a film lets out goes with the temperatures of the run and those that its changes `level` add."""
         k, place = np.unravel_index(chosen, (len(grid.time), grid.places))
         place = place if grid.along is None else k
         of_jaws = isinstance(loads, str) and KINDS[loads].alike == "jaws"
@@ -287,10 +290,18 @@ class BodyMissing:
             s[:, k] for s in (_at_ends(grid, history.time, self.whole.settings.heat_scheme) if of_jaws else (_means(grid, history.time),))
         ]
         state = np.zeros((self.body.mesh.n_nodes, len(chosen) if amount is None else 1))
+        level = np.zeros(len(history.time) - 1) if grid.level is None else _means(grid, history.time) @ grid.level
+        added = np.zeros(self.body.mesh.n_nodes)
         for n, (step, films) in enumerate(self._steps(parameters, history)):
             active = np.flatnonzero(np.any([s[: n + 1].any(axis=0) for s in strength], axis=0))
+            if isinstance(loads, str) and loads == "film":
+                theta = 0.5 * (history.theta[n] + history.theta[n + 1])
+                through, added = self._of_film(step, films, theta, added, float(level[n]))
             if active.size:
-                mine = self._through(loads, step, films)[:, None] if isinstance(loads, str) else loads[:, place[active]]
+                if isinstance(loads, str):
+                    mine = (through if loads == "film" else self._through(loads, step, films))[:, None]
+                else:
+                    mine = loads[:, place[active]]
                 heat = [step.length * mine * s[n, active] for s in strength]
                 if amount is not None:
                     heat, active = [(h @ amount[active])[:, None] for h in heat], np.zeros(1, dtype=int)
@@ -308,6 +319,26 @@ class BodyMissing:
         of_jaws = [FILM_UNIT * coefficient[name][0] * own for name, own in films.items() if name.startswith(GRIPPED)]
         side = SIDES[KINDS[kind].which] * about_middle(self.body)[1]
         return np.asarray(np.sum([nothing, *of_jaws], axis=0) * (side >= 0.0))
+
+    def _of_film(
+        self, step: HeatStep, films: Mapping[str, np.ndarray], theta: np.ndarray, added: np.ndarray, level: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Nodal power (n_np,) mW of a film that is 1 W/(m^2 K) more,
+
+            -int N (theta + theta_a - theta_M) dA,
+
+        and the temperatures theta_a (n_np,) K at the end of the step that a change of the film by `level` W/(m^2 K) makes from those
+        `added` at its start; `theta` (n_np,) K: those of the run in the middle of the step, `films`: as `_through`."""
+        after = added
+        for _ in range(2):  # the mean of both ends, of which the second is found with the first
+            inside = theta + 0.5 * (added + after)
+            of_air = [FILM_UNIT * area * (inside - _medium(step, name)) for name, area in films.items() if name.startswith(FREE)]
+            through = -np.asarray(np.sum([np.zeros(len(theta)), *of_air], axis=0))
+            if not level and not added.any():
+                return through, added
+            supply = (1.0 if len(step.stages) == 1 else GAMMA) * step.length * level * through
+            after = through_stages(self.body, step, added, [supply.copy() for _ in step.stages])
+        return through, after
 
     def _steps(self, parameters: Parameters, history: History) -> Iterator[tuple[HeatStep, Mapping[str, np.ndarray]]]:
         """The steps of the heat equation on the known motion, and the area (n_np,) mm^2 of the nodes by facet set; the capacity is that of
@@ -351,6 +382,12 @@ def _key(parameters: Parameters) -> tuple[tuple[str, float], ...]:
 def _field_of(kind: str) -> str:
     """The observed field that shows a kind of term."""
     return next(f for f in FIELDS if kind in (FIELDS[f], *OF_CAMERAS[f], *(OF_SURFACE if f == "theta" else ())))
+
+
+def _medium(step: HeatStep, name: str) -> np.ndarray | float:
+    """Temperature K of the medium beyond the film of a facet set, by node (n_np,) where an effect changes it: its mean over the step."""
+    medium, changes = step.conditions.films[name][1], {} if step.loads is None else step.loads.media
+    return np.asarray(medium + changes[name].mean(axis=0)) if name in changes else medium
 
 
 def _means(grid: Grid, time: np.ndarray) -> np.ndarray:

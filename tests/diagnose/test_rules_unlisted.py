@@ -14,9 +14,10 @@ from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Proof, Rows
 from thermofit.diagnose.unlisted import closer_grid, sought, unlisted
 from thermofit.diagnose.unlisted_field import believed
-from thermofit.diagnose.unlisted_loop import in_their_stead, needed_elsewhere, resembled_by, terms_of
+from thermofit.diagnose.unlisted_loop import imitates, in_their_stead, needed_elsewhere, resembled_by, terms_of
 from thermofit.diagnose.unlisted_place import compact, when_of
 from thermofit.diagnose.unlisted_structure import ChannelBlocks, Structure, alternating
+from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.memory import differences
 
 GOOD = Proof(2.0, 1.0, {}, 0.5, 0.01, 5)
@@ -282,7 +283,9 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     assert resembled_by(closed_of(), ("a",), found, field) is taken
     over_state: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None, steps=())
     of_law: Any = SimpleNamespace(structure=found.structure, law=SimpleNamespace(field=over_state))
-    assert resembled_by(closed_of(), ("a",), of_law, over_state) is taken
+    for another_form in (False, True):
+        monkeypatch.setattr(loop, "imitates", lambda here, names, law, said=another_form: said)
+        assert resembled_by(closed_of(), ("a",), of_law, over_state) is (taken and not another_form)
     monkeypatch.setattr(loop, "field_of", lambda *_: pytest.fail("hats in the stead of steps would hold against the effect what they miss"))
     monkeypatch.setattr(loop, "over_time", lambda *_: SimpleNamespace(after=None))
     steps: Any = SimpleNamespace(basis=SimpleNamespace(kind="flux"), after=None, steps=((30.0, 0.01),))
@@ -296,6 +299,18 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
         assert resembled_by(closed_of(), ("dic_tilt",), found, cameras) is taken
     monkeypatch.setattr(loop, "contradicted", lambda *_: ("theta_air",))
     assert resembled_by(closed_of(), ("a",), found, steps) is not needed, "what drives a declared reading is no answer, whatever it takes"
+
+
+@pytest.mark.parametrize(("beside", "same"), [(0.3, True), (0.4, False)])
+def test_a_law_is_another_form_of_what_it_leaves_less_than_a_tenth_of(monkeypatch: pytest.MonkeyPatch, beside: float, same: bool) -> None:
+    """What the effect does is 1 along the law, `beside` across it, and 5 along a parameter, which takes that: 0.09 and 0.16 of one."""
+    parameter, law, across = np.eye(6)[[0, 2, 4]]
+    residual = np.arange(6.0)
+    here: Any = SimpleNamespace(problem=SimpleNamespace(model=SimpleNamespace(residual=residual)))
+    without = LinearModel(residual + law + beside * across + 5.0 * parameter, parameter[:, None])
+    monkeypatch.setattr(loop, "without_effects", lambda _, names: without)
+    basis: Any = SimpleNamespace(rows=np.array([2, 3]), columns=2.0 * law[[2, 3], None])
+    assert imitates(here, ("a",), basis) is same
 
 
 @pytest.mark.parametrize(("sigma", "asked"), [(0.033, True), (0.034, False)])

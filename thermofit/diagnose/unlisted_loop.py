@@ -71,7 +71,8 @@ def terms_of(found: Unlisted) -> list[MissingField]:
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: MissingField) -> bool:
     """True where the effects left too much behind or have driven declared readings beyond their errors, and are not needed beside the
     field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it, but
-    for a law over the state. Nor is a curve of any form for a displacement (`says_more`)."""
+    for a law over the state. That takes back no effect of which it is another form (`imitates`). Nor is a curve of any form taken back for
+    a displacement (`says_more`)."""
     blocks, end = found.structure.blocks, closed.last.case
     over_time_alone = field.basis.kind == "stress" and (found.law is None or field is not found.law.field)
     if over_time_alone or says_more(names, field.basis.kind):
@@ -80,8 +81,21 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
     if answers and not contradicted(end.model.priors, end.parameters):
         return False
     here, known = closed.last, without_effects(closed.last, names)
+    if field.basis.kind == "stress" and imitates(here, names, field.basis):
+        return False
     alone = over_time(known, field.basis, here) if field.steps else field_of(known, field.basis, here.rows, here.split)
     return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
+
+
+def imitates(here: Traced, names: Sequence[str], law: Basis) -> bool:
+    """Whether a law over the state leaves less than BEHIND of what effects do beside the other fitted parameters: it goes over the state
+    that they go over. A logarithm of the rate is a curve over that, whatever form the data ask for."""
+    model, known = here.problem.model, without_effects(here, names)
+    done = replace(known, residual=known.residual - model.residual, bounds=None)
+    left = done.left
+    columns = np.zeros((len(left), law.columns.shape[1]))
+    columns[law.rows] = law.columns
+    return bool(np.sum(done.with_columns(columns).left ** 2) <= BEHIND * (left @ left))
 
 
 def says_more(names: Sequence[str], kind: str) -> bool:

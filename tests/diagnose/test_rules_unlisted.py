@@ -283,7 +283,7 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     assert resembled_by(closed_of(), ("a",), found, field) is taken
     over_state: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None, steps=())
     of_law: Any = SimpleNamespace(structure=found.structure, law=SimpleNamespace(field=over_state))
-    for another_form in (False, True):
+    for another_form in (True, False):
         monkeypatch.setattr(loop, "imitates", lambda here, names, law, said=another_form: said)
         assert resembled_by(closed_of(), ("a",), of_law, over_state) is (taken and not another_form)
     monkeypatch.setattr(loop, "field_of", lambda *_: pytest.fail("hats in the stead of steps would hold against the effect what they miss"))

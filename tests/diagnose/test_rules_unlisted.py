@@ -284,7 +284,7 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     over_state: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None, steps=())
     of_law: Any = SimpleNamespace(structure=found.structure, law=SimpleNamespace(field=over_state))
     for another_form in (True, False):
-        monkeypatch.setattr(loop, "imitates", lambda here, names, law, said=another_form: said)
+        monkeypatch.setattr(loop, "imitates", lambda model, known, law, said=another_form: said)
         assert resembled_by(closed_of(), ("a",), of_law, over_state) is (taken and not another_form)
     monkeypatch.setattr(loop, "field_of", lambda *_: pytest.fail("hats in the stead of steps would hold against the effect what they miss"))
     monkeypatch.setattr(loop, "over_time", lambda *_: SimpleNamespace(after=None))
@@ -302,15 +302,14 @@ def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
 
 
 @pytest.mark.parametrize(("beside", "same"), [(0.3, True), (0.4, False)])
-def test_a_law_is_another_form_of_what_it_leaves_less_than_a_tenth_of(monkeypatch: pytest.MonkeyPatch, beside: float, same: bool) -> None:
+def test_a_law_is_another_form_of_what_it_leaves_less_than_a_tenth_of(beside: float, same: bool) -> None:
     """What the effect does is 1 along the law, `beside` across it, and 5 along a parameter, which takes that: 0.09 and 0.16 of one."""
     parameter, law, across = np.eye(6)[[0, 2, 4]]
     residual = np.arange(6.0)
-    here: Any = SimpleNamespace(problem=SimpleNamespace(model=SimpleNamespace(residual=residual)))
+    fitted = LinearModel(residual, np.column_stack([parameter, law]))
     without = LinearModel(residual + law + beside * across + 5.0 * parameter, parameter[:, None])
-    monkeypatch.setattr(loop, "without_effects", lambda _, names: without)
     basis: Any = SimpleNamespace(rows=np.array([2, 3]), columns=2.0 * law[[2, 3], None])
-    assert imitates(here, ("a",), basis) is same
+    assert imitates(fitted, without, basis) is same
 
 
 @pytest.mark.parametrize(("sigma", "asked"), [(0.033, True), (0.034, False)])

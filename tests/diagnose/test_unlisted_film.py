@@ -85,7 +85,7 @@ def test_what_it_lets_out_goes_with_the_air_as_it_is(planted: Any) -> None:
 
 def test_the_term_is_sought_where_parameters_are(monkeypatch: pytest.MonkeyPatch) -> None:
     """At every step of the parameters, from the residual there."""
-    hat, _ = hats_of(0.1, monkeypatch)
+    hat = hats_of(0.1, monkeypatch)
     asked: list[Any] = []
 
     def beside(residual: np.ndarray, case: Any, structure: Any, term: Any) -> Basis:
@@ -95,14 +95,14 @@ def test_the_term_is_sought_where_parameters_are(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(module, "film_beside", beside)
     monkeypatch.setattr(module, "beside_term", lambda known, case, parameters, term, own: known)
     monkeypatch.setattr(module, "over_time", lambda known, own, here: own)
-    linearised = lambda *_: (np.arange(4.0), np.zeros((4, 0)))  # noqa: E731
-    case: Any = SimpleNamespace(parameters=Parameters.of(TRUTH), model=SimpleNamespace(linearised=linearised, segments=None))
+    there = SimpleNamespace(linearised=lambda *_: (np.arange(4.0), np.zeros((4, 0))), segments=None)
+    case: Any = SimpleNamespace(parameters=Parameters.of(TRUTH), model=there)
     term = term_of(hat, np.zeros(2), 1e-9)
     found: Any = module.at_parameters(cast(Any, None), case, cast(Any, None), term)
     assert asked == [([0.0, 1.0, 2.0, 3.0], term)] and found.grid.level.tolist() == [1.0, 1.0]
 
 
-def hats_of(share: float, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Basis]:
+def hats_of(share: float, monkeypatch: pytest.MonkeyPatch) -> Basis:
     """A film whose answer falls by a share of its level, in the place of that of a run."""
     grid = Grid(np.arange(2.0), np.zeros(2, dtype=int), np.zeros(1), np.zeros(1))
 
@@ -111,12 +111,12 @@ def hats_of(share: float, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, Basis]:
         return Basis(kind, "W/(m^2 K)", asked, np.arange(2), np.arange(4), np.repeat(np.diag(1.0 - share * level), 2, axis=0), np.eye(2))
 
     monkeypatch.setattr(module, "every_hat", hats)
-    return hats(None, None, "film", grid), hats(None, None, "film", grid)
+    return hats(None, None, "film", grid)
 
 
 def test_it_is_sought_until_it_is_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """q (1 - q / 10) = 0.9 and 1.6: q = 1 and 2."""
-    hat, _ = hats_of(0.1, monkeypatch)
+    hat = hats_of(0.1, monkeypatch)
     residual = -np.array([0.9, 0.9, 1.6, 1.6])
     found = film_beside(residual, cast(Any, None), cast(Structure, None), term_of(hat, np.zeros(2), 1e-9))
     assert found.grid.level == pytest.approx([1.0, 2.0], rel=0.02)
@@ -127,6 +127,6 @@ def test_it_is_sought_until_it_is_what_it_says(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_film_that_comes_to_no_end_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """q (1 - q / 2) is one half at most."""
-    hat, _ = hats_of(0.5, monkeypatch)
+    hat = hats_of(0.5, monkeypatch)
     with pytest.raises(NumericsError, match="do not settle"):
         film_beside(-np.full(4, 3.0), cast(Any, None), cast(Structure, None), term_of(hat, np.zeros(2), 1e-9))

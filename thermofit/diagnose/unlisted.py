@@ -59,7 +59,7 @@ OF_ITS_ERROR = 0.3
 """Part of their standard errors to which a step has come down where parameters beside a term that is the same everywhere have settled; that
 step is taken as well."""
 MOST_STEPS = 12
-"""Most such steps."""
+"""Most such steps, and most searches for the history of a film at each of them."""
 DAMPING = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0)
 """Damping of Levenberg and Marquardt that is tried, the least first."""
 TURNED = 0.5

@@ -27,7 +27,8 @@ BEHIND = 0.1
 ALONE = 0.02
 """Part of an excess below which nothing is told of what a term, or an effect of a coupon, leaves."""
 SETTLED = 0.02
-"""Largest of the steps of parameters beside a term, in units of their scale, with which they have settled."""
+"""Largest of the steps of parameters beside a term, in units of their scale, with which they have settled. Of a film it is the largest
+change of its history from one search to the next, in units of its largest value."""
 SIZE = 0.002
 """Weight of q itself among the differences."""
 VALLEY = 1e-8

@@ -21,6 +21,7 @@ from thermofit.diagnose.unlisted_structure import Structure
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.missing_body import OF_CAMERAS
 from thermofit.experiment.priors import contradicted
+from thermofit.fit.linear_model import LinearModel
 
 
 def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) -> tuple[Closed, Unlisted | None]:
@@ -74,23 +75,23 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
     for a law over the state. That takes back no effect of which it is another form (`imitates`). Nor is a curve of any form taken back for
     a displacement (`says_more`)."""
     blocks, end = found.structure.blocks, closed.last.case
-    over_time_alone = field.basis.kind == "stress" and (found.law is None or field is not found.law.field)
-    if over_time_alone or says_more(names, field.basis.kind):
+    over_state = found.law is not None and field is found.law.field
+    if (field.basis.kind == "stress" and not over_state) or says_more(names, field.basis.kind):
         return False
     answers = found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual)
     if answers and not contradicted(end.model.priors, end.parameters):
         return False
     here, known = closed.last, without_effects(closed.last, names)
-    if field.basis.kind == "stress" and imitates(here, names, field.basis):
+    if over_state and imitates(here.problem.model, known, field.basis):
         return False
     alone = over_time(known, field.basis, here) if field.steps else field_of(known, field.basis, here.rows, here.split)
     return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
 
 
-def imitates(here: Traced, names: Sequence[str], law: Basis) -> bool:
+def imitates(model: LinearModel, known: LinearModel, law: Basis) -> bool:
     """Whether a law over the state leaves less than BEHIND of what effects do beside the other fitted parameters: it goes over the state
-    that they go over. A logarithm of the rate is a curve over that, whatever form the data ask for."""
-    model, known = here.problem.model, without_effects(here, names)
+    that they go over. A logarithm of the rate is a curve over that, whatever form the data ask for. `known`: the linear model without the
+    effects."""
     done = replace(known, residual=known.residual - model.residual, bounds=None)
     left = done.left
     columns = np.zeros((len(left), law.columns.shape[1]))

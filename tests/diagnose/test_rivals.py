@@ -23,13 +23,20 @@ def told(kind: str, left: float, settled: bool = True, places: int = 1) -> Any:
 
 
 SURFACE = {"theta": ("flux", "jaws")}
-CAMERAS = {"theta": ("offset", "gradient")}
+CAMERAS = {"theta": ("offset", "gradient", "clock")}
 
 
 def asked(
-    monkeypatch: pytest.MonkeyPatch, whole: Any, rivals: dict[str, float], ends: dict[str, Any], segments: Any = None, apart: Any = None
+    monkeypatch: pytest.MonkeyPatch,
+    whole: Any,
+    rivals: dict[str, float],
+    ends: dict[str, Any],
+    segments: Any = None,
+    apart: Any = None,
+    likely: dict[str, dict[str, float]] | None = None,
 ) -> tuple[Any, list[str]]:
-    """What is told where rivals have these gains at the optimum and these ends, and of which kinds the ends were asked."""
+    """What is told where rivals have these gains at the optimum and these ends, and of which kinds the ends were asked; `likely`: how
+    likely other kinds are beside one."""
     made: list[str] = []
     missing = SimpleNamespace(of_surface=SURFACE, of_instruments=CAMERAS, records=())
     here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing, segments=segments)))
@@ -45,6 +52,7 @@ def asked(
         made.append(f"{begin.term.basis.kind} {begin.term.proof.gain}")
         return ends[begin.term.basis.kind]
 
+    monkeypatch.setattr(module, "likelihoods", lambda here, structure, found: (likely or {}).get(found.field.basis.kind, {}))
     monkeypatch.setattr(module, "everywhere_alike", alike)
     monkeypatch.setattr(module, "told", end)
     monkeypatch.setattr(module, "predicts_better", lambda _, one, other: one.left < other.left - 0.1)
@@ -53,14 +61,12 @@ def asked(
 
 
 def test_a_rival_that_predicts_better_once_parameters_have_followed_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The best of those at the optimum is asked; a lamp in the stead of an offset of the camera."""
+    """Of what a camera adds the best of those at the optimum is asked; a lamp in the stead of an offset."""
     offset, flux, jaws = told("offset", 1.5), told("flux", 1.0), told("jaws", 0.9)
     found, made = asked(monkeypatch, offset, {"flux": 0.85, "jaws": 0.8}, {"flux": flux, "jaws": jaws})
     assert found is flux and made == ["flux 0.85"]
-    found, _ = asked(monkeypatch, flux, {"jaws": 0.85}, {"jaws": told("jaws", 0.95)})
-    assert found is flux, "about as well is not better"
-    found, _ = asked(monkeypatch, told("flux", 1.5), {"jaws": 0.85}, {"jaws": jaws})
-    assert found is jaws
+    found, _ = asked(monkeypatch, offset, {"clock": 0.85}, {"clock": told("clock", 1.45)})
+    assert found is offset, "about as well is not better"
     found, _ = asked(monkeypatch, offset, {"flux": 0.85}, {"flux": None})
     assert found is offset
 
@@ -101,3 +107,25 @@ def test_a_rival_at_protected_parameters_counts_as_well(monkeypatch: pytest.Monk
     flux = told("flux", 1.0)
     found, made = asked(monkeypatch, told("offset", 1.5), {"flux": 0.5, "flux apart": 0.95}, {"flux": flux}, apart=SimpleNamespace())
     assert found is flux and made == ["flux 0.95"]
+
+
+def test_the_kind_that_is_likelier_beside_a_term_than_none_is_its_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However far it was behind at the optimum, and no other one; beside a heat that settles none is asked else."""
+    flux, jaws, clock = told("flux", 1.5), told("jaws", 0.9), told("clock", 1.0)
+    rivals, ends = {"jaws": 0.88, "clock": 0.1}, {"jaws": jaws, "clock": clock}
+    found, made = asked(monkeypatch, flux, rivals, ends, likely={"flux": {"clock": 0.8, "jaws": 0.1}})
+    assert found is clock and made == ["clock 0.1"]
+    found, made = asked(monkeypatch, flux, rivals, ends, likely={"flux": {"clock": 0.5, "jaws": 0.1}})
+    assert found is flux and made == []
+
+
+def test_one_that_does_without_the_term_is_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A film in the stead of a heat through the surface, both of which leave the noise: beside the film no such heat is likely."""
+    flux, film = told("flux", 1.0), told("film", 1.05)
+    monkeypatch.setitem(SURFACE, "theta", ("flux", "film", "jaws"))
+    likely = {"flux": {"film": 0.99}}
+    for beside, told_is in (({}, flux), ({"flux": 0.4}, film), ({"flux": 0.6}, flux), ({"flux": 0.0, "jaws": 0.9}, film)):
+        found, _ = asked(monkeypatch, flux, {"film": 0.9}, {"film": film}, likely=likely | {"film": beside})
+        assert found is told_is, beside
+    worse = told("film", 1.2)
+    assert asked(monkeypatch, flux, {"film": 0.9}, {"film": worse}, likely=likely | {"film": {"flux": 0.0}})[0] is flux

@@ -418,9 +418,6 @@ class JointFit:
         least = SETTLED if negligible is None else max(F_TOLERANCE, negligible * sum(c.n for c in model.comparisons))
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most, worth=worth, to_beat=to_beat)
         with progress(f"{self.job.stage} {label}", None) as advance:
-            # Conductivity and contact lie in a bent valley, far off: the box of the Gauss-Newton method zigzags across it.
-            method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(model, settings)
-            fit = change.converted(
-                minimise(problem, method, options, Hooks(store=store, on_evaluation=Follower(advance, settings.free, change)))
-            )
+            hooks = Hooks(store=store, on_evaluation=Follower(advance, settings.free, change))
+            fit = change.converted(minimise(problem, method_of(model, settings), options, hooks))
         return start.with_vector(fit.x), fit

@@ -29,6 +29,7 @@ from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
+from thermofit.diagnose.unlisted_second import second_histories
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.diagnose.unlisted_steps import best_of_its_form, better, in_steps
@@ -190,35 +191,61 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
 
 
 def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted, alone: Unlisted) -> Unlisted:
-    """What is missing by a term that is the same everywhere, or by one of another kind that predicts held-out data better once parameters
-    have followed either. At the optimum without them each has a part of what the other does: parameters that were driven off make up for
-    the rest, of a lamp that burns for a while as of jaws that warm up and cool down. The rival is the one that is best from there. A
-    heat has to predict no worse than what a camera adds, as at the optimum (`of_instrument`), and so has any rival of a term beside which
-    the parameters do not settle."""
+    """What is missing by a term that is the same everywhere, or by one of another kind, once parameters have followed either. At the
+    optimum without them each has a part of what the other does: parameters that were driven off make up for the rest, of a lamp that burns
+    for a while as of jaws that warm up and cool down.
+
+    The rival is the kind that is likelier beside the term than none (`likelihoods`). It is what is missing where it predicts held-out data
+    better, or no worse while the term is not likely beside it: one of them then does without the other. Where none is likely, what a camera
+    adds and a term beside which the parameters do not settle have the rival that is best at the optimum: a heat has to predict no worse
+    than what a camera adds, as there (`of_instrument`), and so has any rival of the other."""
     term = whole.field
     if term is None or term.basis.grid.places != 1 or here.case.model.segments is not None:
         return whole
     missing = here.case.model.missing
     assert missing is not None, "the term has a kind"
     seen = observed_field(structure.blocks.channel)
-    kinds = [kind for kind in other_kinds(here.case, structure, term) if kind != "gradient"]
+    share = likelihoods(here, structure, whole)
+    likely = max(share, key=lambda kind: share[kind], default="")
+    likely = likely if share.get(likely, 0.0) > HALF else ""
+    of_camera = term.basis.kind in missing.of_instruments.get(seen, ())
+    if not likely and whole.settled and not of_camera:
+        return whole
+    kinds = (likely,) if likely else tuple(kind for kind in other_kinds(here.case, structure, term) if kind != "gradient")
     rivals = [
         own
         for kind in kinds
         for there in ((here,) if apart is here else (here, apart))
         if (own := everywhere_alike(here, there, structure, {seen: (kind,)})) is not None
     ]
-    if not rivals:
-        return whole
-    best = max(rivals, key=lambda own: own.term.proof.gain)
-    if best.term.proof.gain < RIVALS * term.proof.gain:
+    best = max(rivals, key=lambda own: own.term.proof.gain, default=None)
+    if best is None or (not likely and best.term.proof.gain < RIVALS * term.proof.gain):
         return whole
     other = told(here, structure, best, alone)
     if other is None or other.field is None or not other.settled:
         return whole
-    of_camera = term.basis.kind in missing.of_instruments.get(seen, ()) and best.term.basis.kind in missing.of_surface.get(seen, ())
-    enough = (of_camera or not whole.settled) and not predicts_better(here, term, other.field)
-    return other if enough or predicts_better(here, other.field, term) else whole
+    if predicts_better(here, other.field, term):
+        return other
+    if predicts_better(here, term, other.field):
+        return whole
+    if not whole.settled or (of_camera and best.term.basis.kind in missing.of_surface.get(seen, ())):
+        return other
+    return other if likely and likelihoods(here, structure, other).get(term.basis.kind, 1.0) <= HALF else whole
+
+
+def likelihoods(here: Traced, structure: Structure, found: Unlisted) -> Mapping[str, float]:
+    """How likely a history of each other kind is beside a term, where the parameters that have followed it are; none where they have not
+    settled, or a run there fails, which is said where standard errors need them (`beside_source`)."""
+    case, term = found.case or here.case, found.field
+    if term is None or not found.settled:
+        return {}
+    there = replace(case, parameters=found.parameters)
+    try:
+        known = LinearModel(*case.model.linearised(found.parameters, found.parameters.free))
+        others = histories(there, structure, term)
+        return second_histories(beside_term(known, case, found.parameters, term), term, others).likelihood
+    except NumericsError:
+        return {}
 
 
 def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> bool:

@@ -15,6 +15,7 @@ from thermofit.body.heat.conduction import GAMMA, HeatStep, at_constant_stress, 
 from thermofit.body.heat.effects import INSTANTS
 from thermofit.body.heat.equation import at_points
 from thermofit.body.heat.films import conditions_of
+from thermofit.body.heat.one_way import heat_run
 from thermofit.body.heat.sources import nodal_heat
 from thermofit.body.sensitivity.conduction_rates import through_stages
 from thermofit.body.solve.history import History
@@ -23,6 +24,7 @@ from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
 from thermofit.experiment.free_expansion import CrossSections, sections_of
 from thermofit.experiment.instruments import Instruments, carried
+from thermofit.experiment.known_motion import freely_expanding, keeping_points
 from thermofit.experiment.missing import KINDS, Grid, place_hats, spot_values, time_hats
 from thermofit.law.page import law_of
 from thermofit.observe.observation import FieldObservation
@@ -142,7 +144,7 @@ class BodyMissing:
         W/(m^2 K), K of the jaws, mm, K, mK/mm, s and mm/m; m = 1 by an `amount` (m,) of each. The field that shows the kind comes first. A
         pixel of the infrared camera is given to the point that the displacement cameras say is there, and what is warmer expands."""
         if kind in HEATING:
-            return self._warmed(parameters, self.history(parameters), kind, grid, chosen, amount)
+            return self._warmed(parameters, self.history(parameters, points=kind == "film"), kind, grid, chosen, amount)
         found = self._added(kind, parameters, grid, chosen)
         return found if amount is None else {field: (value @ amount)[..., None] for field, value in found.items()}
 
@@ -160,16 +162,19 @@ class BodyMissing:
     ) -> Mapping[str, np.ndarray]:
         """Derivatives (n_t, n_s, n_c, n) along the named parameters of what heats with these coefficients (m,) add to temperatures and
         displacements, on the motion of the run at `parameters`; none of a kind that does not run through the heat equation. What a film
-        lets out goes with the temperatures of a run, so that is made at each of them. NumericsError where one fails."""
+        lets out goes with the temperatures of a run: those of a heat run on that motion are told for each of them. NumericsError where the
+        run fails."""
         if kind not in HEATING:
             return {}
-        history = self.history(parameters)
+        history = self.history(parameters, points=kind == "film")
         first = self._warmed(parameters, history, kind, grid, chosen, amount)
         found = {field: [np.zeros((*value.shape[:3], 0))] for field, value in first.items()}
+        problem = freely_expanding(self.whole, history) if kind == "film" and names else None
+        apart = 0.0 if problem is None else history.theta - heat_run(problem, parameters)
         for name in names:
             step = SMALL * max(abs(parameters[name]), param(name).scale)
             moved = parameters.replace(**{name: parameters[name] + step})
-            there = self.instruments.run(moved) if kind == "film" else history
+            there = history if problem is None else replace(history, theta=heat_run(problem, moved) + apart)
             for field, value in self._warmed(moved, there, kind, grid, chosen, amount).items():
                 found[field].append((value - first[field]) / step)
         return {field: np.concatenate(columns, axis=-1) for field, columns in found.items()}
@@ -193,12 +198,12 @@ class BodyMissing:
         y = about_middle(self.body)[1][self.body.mesh.hexes]
         return y.min(axis=1), y.max(axis=1)
 
-    def history(self, parameters: Parameters) -> History:
-        """The run at the parameters."""
+    def history(self, parameters: Parameters, points: bool = False) -> History:
+        """The run at the parameters, of the body itself and with its points where a heat run on its motion needs them."""
         key = _key(parameters)
-        if key not in self.kept:
+        if key not in self.kept or (points and not self.kept[key].points):
             self.kept.clear()
-            self.kept[key] = self.instruments.run(parameters)
+            self.kept[key] = keeping_points(self.whole)(parameters) if points else self.instruments.run(parameters)
         return self.kept[key]
 
     def on(self, history: History, parameters: Parameters) -> BodyMissing:

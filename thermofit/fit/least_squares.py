@@ -59,10 +59,12 @@ class Pace:
 
 @dataclass(frozen=True)
 class Ending:
-    """How an optimiser ended; the point itself is `Evaluations.best`."""
+    """How an optimiser ended; the point itself is `Evaluations.best`. `curvature`: what second derivatives add to J^T J (n_p, n_p) with
+    respect to x, where the search has learnt it and it predicted the last trial better than J^T J alone."""
 
     converged: bool
     message: str
+    curvature: np.ndarray | None = None
 
 
 class Reached(Exception):

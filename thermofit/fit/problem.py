@@ -36,6 +36,9 @@ class Problem:
     first_jacobian: np.ndarray | None = None
     """dr/dx (n, n_p) near the start, for example of a coarser model: least-squares makes its first step with it, and computes its own at
     the end."""
+    first_curvature: np.ndarray | None = None
+    """What second derivatives add to J^T J (n_p, n_p) near the start, with respect to x (`FitResult.curvature`): least-squares bases its
+    steps on it while it predicts them better than J^T J alone."""
 
     def __post_init__(self) -> None:
         if not self.names:

@@ -198,4 +198,5 @@ def held(problem: Problem, i: int, value: float, guess: np.ndarray) -> Problem:
         names=tuple(problem.names[k] for k in others),
         linearise=None if exact is None else linearise,
         first_jacobian=None,
+        first_curvature=None,
     )

@@ -55,6 +55,9 @@ class FitResult:
     message: str
     counts: Counts
     log: tuple[LoggedEvaluation, ...]
+    curvature: np.ndarray | None = None
+    """What second derivatives add to J^T J (n_p, n_p) with respect to x, where a search has learnt it and it predicted the last trial
+    better than J^T J alone."""
 
     @property
     def at_edge(self) -> bool:
@@ -107,6 +110,7 @@ def conclude(evaluations: Evaluations, settings: Settings, method: str, algorith
         message=message if not error else f"{message}; no standard errors: {error}",
         counts=evaluations.counts(),
         log=tuple(evaluations.log),
+        curvature=ending.curvature,
     )
 
 

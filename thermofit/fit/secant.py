@@ -35,10 +35,12 @@ _SMALLEST = 1e-12
 
 @dataclass(frozen=True)
 class Curvature:
-    """S (n_p, n_p) with respect to the scaled variables z, and whether the steps are based on J^T J + S (`used`) or on J^T J."""
+    """S (n_p, n_p) with respect to the scaled variables z, whether the steps are based on J^T J + S (`used`) or on J^T J, and which of them
+    has predicted the last trial better."""
 
     S: np.ndarray
     used: bool = False
+    better: bool = False
 
 
 def augmented(here: LinearModel, S: np.ndarray) -> LinearModel:
@@ -63,11 +65,11 @@ def learnt(known: Curvature, here: LinearModel, there: LinearModel, d: np.ndarra
     plain = _promised(here, d)
     errors = abs(achieved - plain), abs(achieved - (plain - float(d @ known.S @ d)))
     wrong = not _GOOD * plain <= achieved <= plain / _GOOD
-    used = errors[1] < errors[0] and (known.used or wrong)
+    better = errors[1] < errors[0]
     weights = there.residual if moved else here.residual
     curving = there.columns.T @ weights - here.columns.T @ weights
     turning = there.columns.T @ there.residual - here.columns.T @ here.residual
-    return Curvature(updated(known.S, d, curving, turning), used)
+    return Curvature(updated(known.S, d, curving, turning), better and (known.used or wrong), better)
 
 
 def updated(S: np.ndarray, d: np.ndarray, curving: np.ndarray, turning: np.ndarray) -> np.ndarray:
@@ -139,9 +141,9 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
             f = state.local.f
             end = reached(full, f, state.residual.size, settings)
             if end and state.fresh:
-                return Ending(True, end)
+                return Ending(True, end, _told(evaluations.problem, state))
             if state.fresh and state.rejected and not state.failed and unresolved(full, f, state.residual.size, settings):
-                return Ending(True, AT_NOISE)
+                return Ending(True, AT_NOISE, _told(evaluations.problem, state))
             exhausted = state.radius < 0.01 * settings.x_tolerance
             if exhausted and state.fresh:
                 return _stuck(evaluations, state, settings)
@@ -156,6 +158,12 @@ def secant_gauss_newton(evaluations: Evaluations, settings: Settings) -> Ending:
         return Ending(False, f"not converged: {limit}; raise max_evaluations or start closer")
 
 
+def _told(problem: Problem, state: SearchState) -> np.ndarray | None:
+    """S (n_p, n_p) with respect to x of a search that ends, where it has predicted the last trial better than J^T J alone."""
+    known = state.curvature
+    return None if known is None or not known.better else known.S / np.outer(problem.scale, problem.scale)
+
+
 def _first(evaluations: Evaluations, settings: Settings) -> SearchState:
     """The start of a search. Where dr/dx is known near by, its residual alone is computed: a derivative costs a few runs, and tells more
     at the first trial."""
@@ -166,7 +174,9 @@ def _first(evaluations: Evaluations, settings: Settings) -> SearchState:
         if given.shape == (residual.size, len(problem.names)):
             scaled = given * problem.scale
             if exact:
-                return SearchState(z, residual, pinned(scaled, residual), FIRST_RADIUS_EXACT, fresh=False)
+                near = problem.first_curvature
+                known = None if near is None else Curvature(near * np.outer(problem.scale, problem.scale), used=True)
+                return SearchState(z, residual, pinned(scaled, residual), FIRST_RADIUS_EXACT, fresh=False, curvature=known)
             return SearchState(z, residual, scaled, FIRST_RADIUS, fresh=False)
     if exact:
         return _exact(problem, problem.start, *evaluations.linearised(problem.start))
@@ -188,9 +198,14 @@ def _refresh(evaluations: Evaluations, state: SearchState, settings: Settings) -
     problem, x = evaluations.problem, from_scaled(evaluations.problem, state.z)
     radius = max(state.radius, 10.0 * settings.x_tolerance)
     if problem.linearise is not None:
-        return replace(_exact(problem, x, *evaluations.linearised(x)), radius=radius)
+        return replace(_knowing(_exact(problem, x, *evaluations.linearised(x)), state), radius=radius)
     jacobian = jacobian_at(evaluations, x, settings) * problem.scale
     return replace(state, jacobian=jacobian, fresh=True, rejected=0, radius=radius)
+
+
+def _knowing(there: SearchState, before: SearchState) -> SearchState:
+    """A state with the second derivatives that the search knew before; nothing where the data do not tell them."""
+    return there if there.curvature is None or before.curvature is None else replace(there, curvature=before.curvature)
 
 
 def _step(evaluations: Evaluations, state: SearchState, radius: float) -> Step:
@@ -226,8 +241,8 @@ def _advance(evaluations: Evaluations, state: SearchState, settings: Settings) -
     ratio = (float(state.residual @ state.residual) - outcome.f) / step.drop if step.drop > 0.0 else -1.0
     accepted = ratio > 1e-4
     if outcome.jacobian is not None:
-        there = _exact(problem, x, outcome.residual, outcome.jacobian)
-        if state.curvature is not None and there.curvature is not None:
+        there = _knowing(_exact(problem, x, outcome.residual, outcome.jacobian), state)
+        if state.curvature is not None and there.curvature is not None and state.fresh:  # two models differ by more than they curve
             there = replace(there, curvature=learnt(state.curvature, state.local, there.local, there.z - state.z, accepted))
         if accepted:
             return replace(there, radius=_radius(state.radius, length, ratio))

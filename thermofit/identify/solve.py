@@ -147,8 +147,8 @@ def solve(
         _refuse_edge(coarse[-1], to_the_end)
         fits, said = coarse, [remark]
         base = base.with_vector(coarse[-1].x)
-    first = fits[-1].jacobian if fits else None
-    model, fine, remark = _begun(study, settings, base, (model_on, size, f_tolerance), job, first, again)
+    near = fits[-1] if fits else None
+    model, fine, remark = _begun(study, settings, base, (model_on, size, f_tolerance), job, near, again)
     _refuse_edge(fine[-1], to_the_end)
     said.append(remark)
     fit, fits = fine[-1], fits + fine
@@ -163,11 +163,11 @@ def _refuse_edge(fit: FitResult, to_the_end: bool) -> None:
 
 
 def _begun(
-    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, jacobian: np.ndarray | None, again: Again | None
+    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, near: FitResult | None, again: Again | None
 ) -> tuple[StageModel, list[FitResult], str]:
     """Model and fits on one mesh from the first start at which the model runs, and a remark where that is another than `base`."""
     try:
-        return *_settled(study, settings, base, on, job, jacobian), ""
+        return *_settled(study, settings, base, on, job, near), ""
     except NumericsError as error:
         failed = error
     for number, (words, start) in enumerate(() if again is None else again(base), start=1):
@@ -181,16 +181,17 @@ def _begun(
 
 
 def _settled(
-    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, jacobian: np.ndarray | None = None
+    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, near: FitResult | None = None
 ) -> tuple[StageModel, list[FitResult]]:
-    """Model and fits on one mesh; the last fit is the result. Several only where the model is one-way."""
+    """Model and fits on one mesh; the last fit is the result. Several only where the model is one-way. `near`: a fit that ended at `base`,
+    on another mesh or with other mechanics."""
     fits: list[FitResult] = []
     for turn in range(TURNS):
-        model, fit = minimised(study, settings, base, on, job, (jacobian, turn))
+        model, fit = minimised(study, settings, base, on, job, (near, turn))
         fits.append(fit)
         if not model.one_way or not fit.converged or (turn and _close(*fits[-2:])):
             break
-        base, jacobian = base.with_vector(fit.x), fit.jacobian
+        base, near = base.with_vector(fit.x), fit
     return model, fits
 
 
@@ -230,15 +231,16 @@ def method_of(model: StageModel, settings: StageSettings) -> str:
 
 
 def minimised(
-    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, start: tuple[np.ndarray | None, int] = (None, 0)
+    study: Study, settings: StageSettings, base: Parameters, on: Target, job: Job, start: tuple[FitResult | None, int] = (None, 0)
 ) -> tuple[StageModel, FitResult]:
-    """Model and fit on one mesh, every evaluation kept on disk; `start` = (dr/dx near `base` where it is known, number of the turn)."""
-    (model_on, size, f_tolerance), (jacobian, turn) = on, start
+    """Model and fit on one mesh, every evaluation kept on disk; `start` = (a fit that ended at `base` where there is one, number of the
+    turn)."""
+    (model_on, size, f_tolerance), (near, turn) = on, start
     model = remembering(model_on(size, base))
     label = ("point" if model.cheap else f"{size.n_x}x{size.n_y}x{size.n_z}") + (f".{turn}" if turn else "")
     label += "".join(f".{job.config[key]}" for key in (DRIVE, "start") if key in job.config)
     store = Checkpoint(job.path.parent / checkpoint_folder(job, label), evaluation_key(job, base))
-    problem, change = stage_problem(study, settings, base, model, jacobian)
+    problem, change = stage_problem(study, settings, base, model, near)
     options = Settings(
         x_tolerance=settings.tolerance, f_tolerance=f_tolerance, max_evaluations=settings.max_evaluations, difference_step=DIFFERENCE_STEP
     )
@@ -255,11 +257,11 @@ def at_rounding(y: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarr
 
 
 def stage_problem(
-    study: Study, settings: StageSettings, base: Parameters, model: StageModel, jacobian: np.ndarray | None = None
+    study: Study, settings: StageSettings, base: Parameters, model: StageModel, near: FitResult | None = None
 ) -> tuple[Problem, FitVariables]:
     """What the optimiser sees of a stage that starts at `base`, and the map from its variables to the parameters.
 
-    `jacobian`: dr/dx (n, n_p) near `base` that a search begins with.
+    `near`: a fit that ended at `base`, with whose derivatives a search begins.
     """
     names, change = settings.free, fit_variables(settings.free, base)
     bounds = np.array([study.bounds(name) for name in names])
@@ -270,6 +272,7 @@ def stage_problem(
         residual, slope = model.linearised(base.with_vector(x), names)
         return residual, change.by_variables(slope, x)
 
+    jacobian, curvature = (None, None) if near is None else (near.jacobian, near.curvature)
     problem = Problem(
         residual=lambda y: model.residual(base.with_vector(change.parameters(y))),
         start=at_rounding(change.variables(base.vector()), lower, upper),
@@ -279,6 +282,7 @@ def stage_problem(
         names=names,
         linearise=None if model.linearise is None else linearise,
         first_jacobian=None if jacobian is None else change.by_variables(jacobian, base.vector()),
+        first_curvature=None if curvature is None else change.curvature_by_variables(curvature, base.vector()),
     )
     return problem, change
 

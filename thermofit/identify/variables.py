@@ -63,14 +63,21 @@ class FitVariables:
         """dr/dy = dr/dx dx/dy of dr/dx (n, n_p) at x."""
         return np.asarray(jacobian / self.slope(x))
 
+    def curvature_by_variables(self, curvature: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """What second derivatives add to J^T J (n_p, n_p) with respect to y, of that with respect to x; at an optimum, where the gradient
+        that dx/dy bends is zero."""
+        return np.asarray(curvature / np.outer(self.slope(x), self.slope(x)))
+
     def converted(self, fit: FitResult) -> FitResult:
-        """The fit in terms of x: values, log and dr/dx = dr/dy dy/dx; its own covariance is dropped, because it is of y."""
+        """The fit in terms of x: values, log, dr/dx = dr/dy dy/dx and curvature; its own covariance is dropped, because it is of y."""
         if not (self.is_reciprocal.any() or self.is_log.any()):
             return fit
         x = self.parameters(fit.x)
-        jacobian = None if fit.jacobian is None else fit.jacobian * self.slope(x)
+        slope = self.slope(x)
+        jacobian = None if fit.jacobian is None else fit.jacobian * slope
         log = tuple(replace(entry, x=self.parameters(entry.x)) for entry in fit.log)
-        return replace(fit, x=x, jacobian=jacobian, covariance=None, sigma=None, log=log)
+        curvature = None if fit.curvature is None else fit.curvature * np.outer(slope, slope)
+        return replace(fit, x=x, jacobian=jacobian, covariance=None, sigma=None, log=log, curvature=curvature)
 
 
 def fit_variables(names: tuple[str, ...], at: Parameters) -> FitVariables:

@@ -253,7 +253,7 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
     monkeypatch.setattr(refit, "evaluation_key", lambda job, start: {})
     monkeypatch.setattr(refit, "checkpoint_folder", lambda job, name: name)
     monkeypatch.setattr(refit, "Checkpoint", lambda *_: None)
-    warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=n)], one_way=True, residual=lambda _: np.array([np.sqrt(square)]))
+    warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=n)], cheap=False, residual=lambda _: np.array([np.sqrt(square)]))
     study: Any = SimpleNamespace(setting=lambda name: None)
     settings: Any = SimpleNamespace(tolerance=1e-4, method="least-squares", free=("c0",), model_copy=lambda update: settings)
     parts: Any = SimpleNamespace(heat=lambda parameters: warm)

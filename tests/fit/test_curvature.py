@@ -1,5 +1,7 @@
 """Second derivatives that Gauss-Newton leaves out: the secant update, the quadratic model, and searches whose residual stays large."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from fit_models import BAR_TRUE, bar_problem, complex_step, exact, problem
@@ -179,3 +181,47 @@ def test_noise_of_the_residual_ends_a_search_whose_second_derivatives_outweigh(s
     fit = minimise(exact(problem(noisy, [0.1], [-9.0], [9.0])), settings=Settings(f_tolerance=1e-4))
     assert fit.converged, fit.message
     assert 61.0 * (fit.x[0] - 1.0 / 61.0) ** 2 < 0.01 * fit.f / 3
+
+
+BROWN_DENNIS = np.arange(1, 21) / 5.0
+
+
+def brown_dennis(start, off=0.0, scale=1.0):
+    """The function above with data that are `off` beside it, and its S = sum r_i d2r_i/dx2 at a residual."""
+    t = BROWN_DENNIS
+
+    def residual(x):
+        return (x[0] + t * x[1] - np.exp(t)) ** 2 + (x[2] + x[3] * np.sin(t) - np.cos(t)) ** 2 + off * np.cos(3.0 * t)
+
+    return exact(problem(residual, start, [-100.0] * 4, [100.0] * 4, scale * np.array([0.5, 2.0, 1.0, 0.1])))
+
+
+def test_second_derivatives_known_near_by_spare_runs():
+    """A fit tells those at its end, in the units of the parameters, and a fit beside it begins with them; without: 15, 10 and 16 runs."""
+    sharp = Settings(x_tolerance=1e-6, f_tolerance=1e-6)
+    first = minimise(brown_dennis([25.0, 5.0, -5.0, -1.0]), settings=sharp)
+    one, zero = np.ones(20), np.zeros(20)
+    sides = np.stack([one, BROWN_DENNIS, zero, zero], 1), np.stack([zero, zero, one, np.sin(BROWN_DENNIS)], 1)
+    S = sum(2.0 * (side.T * first.residual) @ side for side in sides)
+    assert first.curvature == pytest.approx(S, rel=0.05, abs=60.0)
+    for off in (5.0, 50.0, 300.0):
+        near = dataclasses.replace(brown_dennis(first.x, off, 3.0), first_jacobian=first.jacobian)
+        plain = minimise(near, settings=sharp)
+        told, wrong = (minimise(dataclasses.replace(near, first_curvature=by * first.curvature), settings=sharp) for by in (1.0, -1.0))
+        assert told.counts.linearised < 0.7 * plain.counts.linearised, "they outweigh J^T J"
+        assert [f.f for f in (told, wrong)] == pytest.approx([plain.f] * 2, rel=1e-7) and wrong.converged
+
+
+def test_second_derivatives_are_kept_where_the_derivative_is_computed_anew():
+    """The first trial with those of another model leads uphill, so that the derivative at the start is computed."""
+    sharp = Settings(x_tolerance=1e-6, f_tolerance=1e-6)
+    first = minimise(brown_dennis([25.0, 5.0, -5.0, -1.0]), settings=sharp)
+    near = dataclasses.replace(brown_dennis(first.x, 300.0), first_jacobian=-first.jacobian)
+    counts = [minimise(dataclasses.replace(near, first_curvature=S), settings=sharp).counts.linearised for S in (None, first.curvature)]
+    assert counts[1] < 0.7 * counts[0]
+
+
+def test_none_are_told_that_predicted_no_better():
+    """The residual is linear: there are none to learn."""
+    fit = minimise(exact(problem(lambda x: np.array([x[0] - 1.0, 2.0 * x[0], 3.0, 4.0]), [0.1], [-9.0], [9.0])))
+    assert fit.converged and fit.curvature is None

@@ -172,7 +172,7 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
         term, parameters, remark = settled(there, structure, first)
     alike = first.basis.grid.places == 1 and case.model.segments is None
     last = remark
-    if alike and term is not first:
+    if alike and term is not first and (remark or strayed(parameters, here.case.parameters, term)):
         case, then, parameters, said = told_beside(there, structure, term, parameters)
         last, term = remark if then is term else said, then
     if alike and GONE in (remark, said):
@@ -188,6 +188,12 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
     remark = "; ".join(dict.fromkeys(words for words in (alone.remark, remark, said) if words))
     found = replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
     return replace(found, settled=last != UNSETTLED)
+
+
+def strayed(parameters: Parameters, told: Parameters, term: MissingField) -> bool:
+    """Whether a parameter beside a term is more than a standard error from where errors of mesh and steps were told: nearer by they are the
+    same to a small part of themselves, and runs that tell them cost as much as all others beside a small term."""
+    return bool(np.any(np.abs(parameters.vector() - told.vector()) > term.uncertainty))
 
 
 def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted, alone: Unlisted) -> Unlisted:
@@ -336,7 +342,10 @@ def everywhere_alike(
     `most`; None where they ask for none. It is found `there`, and proved against the optimum `here`."""
     found = []
     for kind in kinds.get(observed_field(structure.blocks.channel), ()):
-        own = over_time(there.problem.model, alike_basis(there, structure, kind, most), there)
+        hat = alike_basis(there, structure, kind, most)
+        if not hat.columns.any():  # of jaws through a contact that conducts nothing
+            continue
+        own = over_time(there.problem.model, hat, there)
         found.append(own if there is here else beside_optimum(here, own))
     best = max(filter(believed, found), key=lambda term: term.proof.gain, default=None)
     return None if best is None else Sought(best, there)
@@ -453,12 +462,13 @@ def camera_bases(here: Traced, structure: Structure) -> list[Basis]:
 
 
 def histories(case: Case, structure: Structure, term: MissingField) -> dict[str, Basis]:
-    """The hats over all times of every other kind of history that a channel may have beside a term, where the parameters of a case are.
-    NumericsError where a run fails."""
+    """The hats over all times of every other kind of history that a channel may have beside a term, and that shows in it, where the
+    parameters of a case are. NumericsError where a run fails."""
     missing = case.model.missing
     assert missing is not None, "the term has a kind"
     kinds = other_kinds(case, structure, term)
-    return {kind: every_hat(case, structure, kind, missing.grid(kind, COUNTS[kind])) for kind in kinds}
+    found = {kind: every_hat(case, structure, kind, missing.grid(kind, COUNTS[kind])) for kind in kinds}
+    return {kind: hat for kind, hat in found.items() if hat.columns.any()}
 
 
 def other_kinds(case: Case, structure: Structure, term: MissingField) -> list[str]:

@@ -5,10 +5,14 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
 from thermofit.diagnose import unlisted as module
-from thermofit.diagnose.unlisted import or_rival
+from thermofit.diagnose.case import Case
+from thermofit.diagnose.unlisted import likelihoods, or_rival
 
 
 def term(kind: str, left: float, gain: float = 0.9, places: int = 1) -> Any:
@@ -129,3 +133,28 @@ def test_one_that_does_without_the_term_is_what_is_missing(monkeypatch: pytest.M
         assert found is told_is, beside
     worse = told("film", 1.2)
     assert asked(monkeypatch, flux, {"film": 0.9}, {"film": worse}, likely=likely | {"film": {"flux": 0.0}})[0] is flux
+
+
+def test_other_kinds_are_weighed_where_the_parameters_beside_the_term_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its own case where errors were told anew; a run that fails tells none, nor do parameters that have not settled."""
+    asked: list[Any] = []
+
+    def linearised(p: Parameters, names: tuple[str, ...]) -> Any:
+        asked.append((p["kappa"], names))
+        if p["kappa"] > 150.0:
+            raise NumericsError("no equilibrium")
+        return np.zeros(3), np.zeros((3, 1))
+
+    model: Any = SimpleNamespace(linearised=linearised)
+    optimum, own = (Case(model, Parameters.of({"kappa": k}, ("kappa",)), (), (), frozenset()) for k in (110.0, 111.0))
+    monkeypatch.setattr(module, "histories", lambda case, *_: asked.append(case.parameters["kappa"]) or {})
+    monkeypatch.setattr(module, "beside_term", lambda known, case, p, term: asked.append(p["kappa"]) or known)
+    monkeypatch.setattr(module, "second_histories", lambda known, term, others: SimpleNamespace(likelihood={"film": 0.7}))
+    here: Any = SimpleNamespace(case=optimum)
+    found: Any = SimpleNamespace(field=term("flux", 1.0), case=own, parameters=Parameters.of({"kappa": 130.0}, ("kappa",)), settled=True)
+    nothing: Any = None
+    assert likelihoods(here, nothing, found) == {"film": 0.7} and asked == [(130.0, ("kappa",)), 130.0, 130.0]
+    found.settled = False
+    assert likelihoods(here, nothing, found) == {}
+    found.settled, found.parameters = True, Parameters.of({"kappa": 160.0}, ("kappa",))
+    assert likelihoods(here, nothing, found) == {}

@@ -131,3 +131,21 @@ def test_noise_that_all_times_share_counts_by_the_weight() -> None:
 
     alone, beside = weighted(sign, residual), weighted(sign, residual, common)
     assert beside.blocks.noise == pytest.approx(alone.blocks.noise)
+
+
+def test_what_shows_nothing_is_no_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Jaws that warm up behind a contact that conducts nothing: neither asked for, nor weighed beside another term."""
+    here = wandering(4)
+    (found,) = structured(here, numerical())
+    channel: Any = SimpleNamespace(blocks=SimpleNamespace(channel="theta"))
+    known, shows = module.everywhere_alike(here, here, channel, {"theta": ("offset",)}), module.basis
+    assert known is not None
+    (beside,) = module.histories(here.case, found, known.term)
+
+    def nothing(case: Any, structure: Any, kind: str, *of: Any) -> Any:
+        hat = shows(case, structure, kind, *of)
+        return replace(hat, columns=0.0 * hat.columns) if kind in ("offset", beside) else hat
+
+    monkeypatch.setattr(module, "basis", nothing)
+    assert module.everywhere_alike(here, here, channel, {"theta": ("offset",)}) is None
+    assert module.histories(here.case, found, known.term) == {}

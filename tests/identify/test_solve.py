@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -285,3 +287,15 @@ def test_a_start_that_a_step_has_left_at_its_bound_lies_there() -> None:
     y = np.array([0.007 * (1.0 + 1e-12), 1e300, 1.0 - 1e-12, 1.0 + 1e-6])
     assert at_rounding(y, lower, upper).tolist() == [0.007, 1e300, 1.0, 1.0 + 1e-6]
     assert at_rounding(-y[:1], lower[:1], upper[:1]).tolist() == [-0.007]
+
+
+def test_fine_mesh_begins_with_what_the_coarse_one_knows(tmp_path: Path) -> None:
+    """Derivatives in the variables of the fit: J^T J and what second derivatives add to it change alike from kappa, alpha to 1/alpha."""
+    case = study(tmp_path)
+    base = START.with_free(WALL_NAMES)
+    jacobian = np.random.default_rng(3).normal(size=(40, len(WALL_NAMES)))
+    near: Any = SimpleNamespace(jacobian=jacobian, curvature=jacobian.T @ jacobian)
+    problem, _ = stage_problem(case, case.stage("thermal"), base, wall_model(comparisons(), OBSERVATIONS), near)
+    assert problem.first_jacobian is not None and problem.first_curvature is not None
+    assert problem.first_curvature == pytest.approx(problem.first_jacobian.T @ problem.first_jacobian, rel=1e-12)
+    assert not np.allclose(problem.first_curvature, near.curvature)

@@ -1,5 +1,7 @@
 """The contact coefficient as a resistance: the same optimum and standard error, from far away too."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -91,3 +93,16 @@ def test_a_bound_of_zero_is_a_millionth_of_the_usual_size() -> None:
     change = fit_variables(("rate_power.K", "rate_power.m"), Parameters.of({"rate_power.K": 3.0, "rate_power.m": 0.2}))
     lower, _ = change.bounds(np.array([0.0, 0.02]), np.array([2000.0, 1.0]))
     assert change.parameters(lower) == pytest.approx([5e-6, 0.02])
+
+
+def test_second_derivatives_follow_the_variables() -> None:
+    """J^T J changes as what second derivatives add to it does, there and back: 1/alpha and ln K."""
+    names = ("alpha_clamp", "kappa", "rate_power.K", "rate_power.m")
+    change, x = fit_variables(names, Parameters.of(dict.fromkeys(names, 0.3))), np.array([236.0, 130.0, 40.0, 0.3])
+    assert change.is_reciprocal.any() and change.is_log.any() and not (change.is_reciprocal | change.is_log).all()
+    slopes = np.random.default_rng(1).normal(size=(9, 4))
+    by_variables = change.by_variables(slopes, x)
+    assert change.curvature_by_variables(slopes.T @ slopes, x) == pytest.approx(by_variables.T @ by_variables, rel=1e-12)
+    fields = dict.fromkeys(f.name for f in dataclasses.fields(FitResult))
+    fit = FitResult(**fields | {"x": change.variables(x), "log": (), "curvature": by_variables.T @ by_variables})  # type: ignore[arg-type]
+    assert change.converted(fit).curvature == pytest.approx(slopes.T @ slopes, rel=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
+from thermofit.diagnose import trace
 from thermofit.diagnose import trial as module
 from thermofit.diagnose.held_out import Proof, Rows, Split
 from thermofit.diagnose.refit import EXPONENTS
@@ -569,3 +571,34 @@ def test_a_channel_that_leaves_less_than_its_noise_counts_no_more_for_it() -> No
 
     assert not discriminated(ended(0.05, 0.01), ended(-0.05, 0.012))
     assert discriminated(ended(0.05, 1.0), ended(-0.05, 1.2)), "as it does where they are of the size of the noise"
+
+
+def test_runs_for_the_values_of_exponents_show_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One for each value, also where the model fails with it: on a full mesh they take minutes before the first refit."""
+    shown: list[Any] = []
+
+    @contextmanager
+    def progress(words: str, total: float) -> Any:
+        shown.append((words, total))
+        yield shown.append
+
+    def columns_of(case: Any, own: Any, values: dict[str, float]) -> Any:
+        if values["lamp.start"] == 20.0:
+            raise NumericsError("no equilibrium")
+        return values["lamp.start"]
+
+    values = [{"lamp.start": s} for s in (10.0, 20.0, 30.0)]
+    for where in (module, trace):
+        monkeypatch.setattr(where, "scans", lambda *_: values)
+    monkeypatch.setattr(module, "progress", progress)
+    monkeypatch.setattr(trace, "columns_of", columns_of)
+    monkeypatch.setattr(trace, "drop_of", lambda columns, names, block: block)
+    monkeypatch.setattr(module, "at_settings", lambda here, score, scan: score)
+    begun: list[Any] = []
+    monkeypatch.setattr(module, "nearer", lambda here, scores, chosen, refit: begun.append(chosen) or "no equilibrium")
+    here = here_of(cheap=False)
+    here.scanned, here.settings, here.problem = {}, {}, SimpleNamespace(dormant={})
+    fit: Any = None
+    means: Any = SimpleNamespace(refit=None)
+    tried(here, fit, of("lamp"), means)
+    assert shown == [("exponents of lamp", 3), 1, 1, 1] and begun == [values[2], values[0]]

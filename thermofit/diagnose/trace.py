@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -293,8 +293,11 @@ def _scanned(case: Case, columns: Columns, found: Linearised) -> tuple[dict[str,
     return scanned, unjudged
 
 
-def best_scans(case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = ()) -> tuple[Scan, ...]:
-    """The values of an effect's exponents and its columns there, the largest predicted drop first; `known`: the columns at all of them.
+def best_scans(
+    case: Case, columns: Columns, effect: Effect, known: Sequence[np.ndarray] = (), advance: Callable[[], None] = lambda: None
+) -> tuple[Scan, ...]:
+    """The values of an effect's exponents and its columns there, the largest predicted drop first; `known`: the columns at all of them,
+    `advance` is told of each.
 
     Values with which the model cannot run are left out. NumericsError where that is all of them.
     """
@@ -311,6 +314,8 @@ def best_scans(case: Case, columns: Columns, effect: Effect, known: Sequence[np.
         except NumericsError as failed:
             error = failed
             continue
+        finally:
+            advance()
         tried.append((values, block))
         found.append(drop_of(columns, tuple(p.name for p in effect.amplitudes), block))
     if not tried:

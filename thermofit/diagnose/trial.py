@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -24,6 +25,7 @@ from thermofit.experiment.priors import contradicted, in_words
 from thermofit.experiment.trust import at_bound
 from thermofit.fit.result import FitResult
 from thermofit.law.page import law_of
+from thermofit.records.progress import progress
 
 WORTH_AN_EXPONENT = 10.0
 """Fall of the objective, in units of the noise, for which exponents that were scanned are fitted."""
@@ -93,8 +95,9 @@ def _tried(here: Traced, fit: FitResult, score: Score, means: Means) -> tuple[Tr
     begin = here.from_displacements.get(score.effect)
     if begin is not None:
         settings = {p.name: begin[p.name] for p in own.exponents}
-    elif settings is None and len(scans(own, here.case)) > 1:
-        scanned = best_scans(here.case, here.problem, own)
+    elif settings is None and (count := len(scans(own, here.case))) > 1:
+        with progress(f"exponents of {own.name}", count) as advance:
+            scanned = best_scans(here.case, here.problem, own, advance=partial(advance, 1))
         score, settings = at_settings(here, score, scanned[0]), scanned[0][0]
     starts = [(score, settings or {})]
     # The first values of the exponents are those of the score; at others the same run may be possible.

@@ -221,6 +221,15 @@ def test_second_derivatives_are_kept_where_the_derivative_is_computed_anew():
     assert counts[1] < 0.7 * counts[0]
 
 
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_nothing_is_learnt_between_a_derivative_of_another_model_and_the_own_one(factor):
+    """They differ by half or by twice, and by what they curve, 4 runs; were that taken for second derivatives: 6 and 8."""
+    sharp = Settings(x_tolerance=1e-6, f_tolerance=1e-6)
+    first = minimise(brown_dennis([25.0, 5.0, -5.0, -1.0]), settings=sharp)
+    near = dataclasses.replace(brown_dennis(first.x, 50.0), first_jacobian=factor * first.jacobian, first_curvature=first.curvature)
+    assert minimise(near, settings=sharp).counts.linearised <= 4
+
+
 def test_none_are_told_that_predicted_no_better():
     """The residual is linear: there are none to learn."""
     fit = minimise(exact(problem(lambda x: np.array([x[0] - 1.0, 2.0 * x[0], 3.0, 4.0]), [0.1], [-9.0], [9.0])))

@@ -237,11 +237,12 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
     monkeypatch: pytest.MonkeyPatch, converged: bool, square: float, n: float, starts: int
 ) -> None:
     """Both starts of the temperatures, the second with what the first has reached to beat; the first alone where it began at an optimum, or
-    leaves little more than the noise. Fits of all together end by their own rule."""
+    leaves little more than the noise. Fits of all together end by their own rule. All go by Gauss and Newton's steps."""
     asked: list[float] = []
     beaten: list[float] = []
 
     def ended(problem: Any, method: str, options: Settings, hooks: Any) -> Any:
+        assert method == "least-squares"
         asked.append(options.worth)
         beaten.append(options.to_beat)
         return SimpleNamespace(f=1.0, x=np.array([2.2]), converged=converged)

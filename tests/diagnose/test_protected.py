@@ -84,7 +84,7 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
         first = {"kappa": 90.0, "c0": 2.6, "beta": 0.9, "alpha_air": 10.0, "alpha_clamp": 300.0}
         least = max(F_TOLERANCE, NEGLIGIBLE * sum(c.n for c in warm.comparisons))
         as_the_loop = Settings(f_tolerance=least, max_evaluations=HEAT_EVALUATIONS, worth=WORTH)
-        refit = refitting(warm) if plainly else refitting(warm, settings=as_the_loop)
+        refit = refitting(warm) if plainly else refitting(warm, "trust-region", as_the_loop)
         fit = HeatFit(warm, lambda start, label: refit(start, label)[0], None, first)
         rows = rows_of(warm, spans)
         there = Case(joint.model, truth, known, spans, frozenset(("ir_drift.rate",)), heated=lambda _: fit, largest_strain=0.03)

@@ -242,6 +242,7 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
     beaten: list[float] = []
 
     def ended(problem: Any, method: str, options: Settings, hooks: Any) -> Any:
+        assert method == ("trust-region" if options.worth else "least-squares"), "temperatures on a known motion alone"
         asked.append(options.worth)
         beaten.append(options.to_beat)
         return SimpleNamespace(f=1.0, x=np.array([2.2]), converged=converged)
@@ -263,6 +264,7 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
     heated = fitting.heated(at)
     assert heated is not None
     assert heated.minimised(at, "lamp on the known motion")["c0"] == 2.2
-    fitting.minimised_on(at, warm, "all together", 12)
+    together: Any = SimpleNamespace(comparisons=warm.comparisons, one_way=False, cheap=False)
+    fitting.minimised_on(at, together, "all together", 12)
     assert asked == [*[WORTH] * starts, 0.0]
     assert beaten == [np.inf, *[1.0] * (starts - 1), np.inf]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.unlisted import likelihoods, or_rival
+from thermofit.diagnose.unlisted import likelier, or_rival, weighed
 
 
 def term(kind: str, left: float, gain: float = 0.9, places: int = 1) -> Any:
@@ -22,8 +23,19 @@ def term(kind: str, left: float, gain: float = 0.9, places: int = 1) -> Any:
     )
 
 
-def told(kind: str, left: float, settled: bool = True, places: int = 1) -> Any:
-    return SimpleNamespace(field=term(kind, left, places=places), settled=settled)
+@dataclass(frozen=True)
+class Told:
+    """What is read of a term with the parameters that have followed it."""
+
+    field: Any
+    settled: bool = True
+    parameters: Any = field(default_factory=lambda: SimpleNamespace(free=()))
+    case: Any = None
+    remark: str = ""
+
+
+def told(kind: str, left: float, settled: bool = True, places: int = 1) -> Told:
+    return Told(term(kind, left, places=places), settled)
 
 
 SURFACE = {"theta": ("flux", "jaws")}
@@ -43,7 +55,8 @@ def asked(
     likely other kinds are beside one."""
     made: list[str] = []
     missing = SimpleNamespace(of_surface=SURFACE, of_instruments=CAMERAS, records=())
-    here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing, segments=segments)))
+    linearised = lambda *_: (np.zeros(3), np.zeros((3, 1)))  # noqa: E731
+    here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing, segments=segments, linearised=linearised)))
     structure: Any = SimpleNamespace(blocks=SimpleNamespace(channel="dtheta"))
 
     def alike(here: Any, there: Any, structure: Any, kinds: Any) -> Any:
@@ -52,11 +65,18 @@ def asked(
         gain = rivals.get(kind) if there is not apart else rivals.get(f"{kind} apart")
         return None if gain is None else SimpleNamespace(term=term(kind, 0.0, gain))
 
+    def weigh(known: Any, case: Any, structure: Any, term: Any, parameters: Any) -> Any:
+        share = (likely or {}).get(term.basis.kind, {})
+        if "fails" in share:
+            raise NumericsError("no equilibrium")
+        return SimpleNamespace(likelihood=share)
+
     def end(here: Any, structure: Any, begin: Any, alone: Any) -> Any:
         made.append(f"{begin.term.basis.kind} {begin.term.proof.gain}")
         return ends[begin.term.basis.kind]
 
-    monkeypatch.setattr(module, "likelihoods", lambda here, structure, found: (likely or {}).get(found.field.basis.kind, {}))
+    monkeypatch.setattr(module, "beside_term", lambda known, *_: known)
+    monkeypatch.setattr(module, "weighed", weigh)
     monkeypatch.setattr(module, "everywhere_alike", alike)
     monkeypatch.setattr(module, "told", end)
     monkeypatch.setattr(module, "predicts_better", lambda _, one, other: one.left < other.left - 0.1)
@@ -113,7 +133,7 @@ def test_a_rival_at_protected_parameters_counts_as_well(monkeypatch: pytest.Monk
     assert found is flux and made == ["flux 0.95"]
 
 
-def test_the_kind_that_is_likelier_beside_a_term_than_none_is_its_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_kind_that_is_likelier_than_not_beside_a_term_is_its_rival(monkeypatch: pytest.MonkeyPatch) -> None:
     """However far it was behind at the optimum, and no other one; beside a heat that settles none is asked else."""
     flux, jaws, clock = told("flux", 1.5), told("jaws", 0.9), told("clock", 1.0)
     rivals, ends = {"jaws": 0.88, "clock": 0.1}, {"jaws": jaws, "clock": clock}
@@ -128,33 +148,39 @@ def test_one_that_does_without_the_term_is_what_is_missing(monkeypatch: pytest.M
     flux, film = told("flux", 1.0), told("film", 1.05)
     monkeypatch.setitem(SURFACE, "theta", ("flux", "film", "jaws"))
     likely = {"flux": {"film": 0.99}}
-    for beside, told_is in (({}, flux), ({"flux": 0.4}, film), ({"flux": 0.6}, flux), ({"flux": 0.0, "jaws": 0.9}, film)):
+    for beside, told_is in (({}, film), ({"flux": 0.4}, film), ({"flux": 0.6}, flux), ({"flux": 0.0, "jaws": 0.9}, film)):
         found, _ = asked(monkeypatch, flux, {"film": 0.9}, {"film": film}, likely=likely | {"film": beside})
         assert found is told_is, beside
     worse = told("film", 1.2)
     assert asked(monkeypatch, flux, {"film": 0.9}, {"film": worse}, likely=likely | {"film": {"flux": 0.0}})[0] is flux
 
 
+def test_a_run_that_fails_is_said_and_tells_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the term, and beside its rival, which then does not take its place."""
+    flux, clock = told("flux", 1.0), told("clock", 1.0)
+    words = "other kinds of histories were not weighed beside the {}: a run failed (no equilibrium)"
+    found, made = asked(monkeypatch, replace(flux, remark="held"), {"clock": 0.9}, {"clock": clock}, likely={"flux": {"fails": 1.0}})
+    assert found.field is flux.field and found.remark == "held; " + words.format("flux") and made == []
+    found, _ = asked(monkeypatch, flux, {"clock": 0.9}, {"clock": clock}, likely={"flux": {"clock": 0.8}, "clock": {"fails": 1.0}})
+    assert found.field is flux.field and found.remark == words.format("clock")
+
+
 def test_other_kinds_are_weighed_where_the_parameters_beside_the_term_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With its own case where errors were told anew; a run that fails tells none, nor do parameters that have not settled."""
+    """With its own case where errors were told anew; none are where they have not settled."""
     asked: list[Any] = []
 
     def linearised(p: Parameters, names: tuple[str, ...]) -> Any:
         asked.append((p["kappa"], names))
-        if p["kappa"] > 150.0:
-            raise NumericsError("no equilibrium")
         return np.zeros(3), np.zeros((3, 1))
 
     model: Any = SimpleNamespace(linearised=linearised)
     optimum, own = (Case(model, Parameters.of({"kappa": k}, ("kappa",)), (), (), frozenset()) for k in (110.0, 111.0))
-    monkeypatch.setattr(module, "histories", lambda case, *_: asked.append(case.parameters["kappa"]) or {})
+    monkeypatch.setattr(module, "histories", lambda case, *_: asked.append(case.parameters["kappa"]) or {"film": None})
     monkeypatch.setattr(module, "beside_term", lambda known, case, p, term: asked.append(p["kappa"]) or known)
-    monkeypatch.setattr(module, "second_histories", lambda known, term, others: SimpleNamespace(likelihood={"film": 0.7}))
+    monkeypatch.setattr(module, "second_histories", lambda known, term, others: SimpleNamespace(likelihood=dict.fromkeys(others, 0.7)))
     here: Any = SimpleNamespace(case=optimum)
-    found: Any = SimpleNamespace(field=term("flux", 1.0), case=own, parameters=Parameters.of({"kappa": 130.0}, ("kappa",)), settled=True)
+    found: Any = replace(told("flux", 1.0), case=own, parameters=Parameters.of({"kappa": 130.0}, ("kappa",)))
     nothing: Any = None
-    assert likelihoods(here, nothing, found) == {"film": 0.7} and asked == [(130.0, ("kappa",)), 130.0, 130.0]
-    found.settled = False
-    assert likelihoods(here, nothing, found) == {}
-    found.settled, found.parameters = True, Parameters.of({"kappa": 160.0}, ("kappa",))
-    assert likelihoods(here, nothing, found) == {}
+    assert likelier(here, nothing, found) == ("film", "") and asked == [(130.0, ("kappa",)), 130.0, 130.0]
+    assert likelier(here, nothing, replace(found, settled=False)) == ("", "")
+    assert weighed(nothing, own, nothing, found.field, found.parameters).likelihood == {"film": 0.7}

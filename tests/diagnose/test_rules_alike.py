@@ -128,24 +128,7 @@ def test_a_term_that_goes_once_parameters_have_followed_is_none(monkeypatch: pyt
     assert kept is not None and cast(Any, kept.field) is heat and kept.remark == GONE
 
 
-@pytest.mark.parametrize(("said", "far"), [("", False), ("", True), (UNSETTLED, False)])
-def test_errors_are_told_anew_where_parameters_have_strayed(monkeypatch: pytest.MonkeyPatch, said: str, far: bool) -> None:
-    """Or where they have not settled; else those of the optimum are the same to a small part of themselves."""
-    begun, once, twice = Term("jaws", 1.0), Term("jaws", 2.0), Term("jaws", 3.0)
-    found = tell(monkeypatch, begun, (once, said), (twice, ""), far)
-    assert found is not None and cast(Any, found.field) is (twice if said or far else once)
-
-
-@pytest.mark.parametrize(("kappa", "far"), [(131.9, False), (128.1, False), (132.1, True), (127.9, True)])
-def test_parameters_stray_by_more_than_a_standard_error(kappa: float, far: bool) -> None:
-    told, by = (Parameters.of({"kappa": k, "c0": 2.0}, ("c0", "kappa")) for k in (130.0, kappa))
-    term: Any = SimpleNamespace(uncertainty=np.array([0.1, 2.0]))
-    assert module.strayed(by, told, term) is far
-
-
-def tell(
-    monkeypatch: pytest.MonkeyPatch, term: Term, once: tuple[Term, str], twice: tuple[Term, str], strayed: bool = True
-) -> Unlisted | None:
+def tell(monkeypatch: pytest.MonkeyPatch, term: Term, once: tuple[Term, str], twice: tuple[Term, str]) -> Unlisted | None:
     """What is told of a term whose parameters settle `once`, and again beside errors that are told anew: the term then, and words."""
     case: Any = SimpleNamespace(model=SimpleNamespace(segments=None), parameters=None)
     here: Any = SimpleNamespace(case=case, rows=SimpleNamespace(time=np.arange(10.0)))
@@ -158,7 +141,6 @@ def tell(
         doubt: float = 0.1
 
     monkeypatch.setattr(module, "settled", lambda *_: (once[0], None, once[1]))
-    monkeypatch.setattr(module, "strayed", lambda *_: strayed)
     monkeypatch.setattr(module, "told_beside", lambda *_: (case, twice[0], None, twice[1]))
     monkeypatch.setattr(module, "place_of", lambda *_: Place())
     monkeypatch.setattr(module, "volumes", lambda *_: None)

@@ -131,7 +131,8 @@ def test_errors_of_the_mesh_are_told_anew_beside_what_is_the_same_everywhere() -
 
     found = unlisted(replace(here, case=replace(here.case, refined_at=refined)), structured(here, numerical()), [])
     assert found is not None and found.case is not None and set(found.case.doubts) == {"mesh"}
-    there, beside = asked[0]  # and beside a rival of another kind
+    assert [term.kind for _, term in asked] == ["flux", "offset"], "and beside a rival"
+    there, beside = asked[0]
     assert found.field is not None and found.field.basis.kind == "flux"
     assert there["kappa"] == before.parameters["kappa"] and beside.kind == "flux"
     assert np.array_equal(beside.amount, before.field.q), "with its errors"

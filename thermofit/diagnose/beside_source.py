@@ -22,9 +22,8 @@ from thermofit.diagnose.case import Case
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import held_exponents
-from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, histories
+from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, weighed
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
-from thermofit.diagnose.unlisted_second import second_histories
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_spot import middle_of_power
 from thermofit.experiment.known_motion import acting_on_temperatures
@@ -143,11 +142,10 @@ def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:
         residual, columns = case.model.linearised(parameters, parameters.free)
         errors = _errors(case, parameters, columns)
         known = beside_term(LinearModel(residual, columns), case, parameters, term)
-        others = histories(there, missing.structure, term)
+        second = weighed(known, case, missing.structure, term, parameters)
         form, untold = moves_of_form(known, term, there, missing.beside)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
-    second = second_histories(known, term, others)
     noise = np.sqrt(term.uncertainty**2 + np.diag(second.covariance))
     sigma = _together(noise, np.concatenate([moves_beside(known, term, errors), form], axis=1))
     values = {n: parameters[n] for n in parameters.free}

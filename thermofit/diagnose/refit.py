@@ -419,8 +419,8 @@ class JointFit:
         options = Settings(x_tolerance=settings.tolerance, f_tolerance=least, max_evaluations=most, worth=worth, to_beat=to_beat)
         with progress(f"{self.job.stage} {label}", None) as advance:
             hooks = Hooks(store=store, on_evaluation=Follower(advance, settings.free, change))
-            # By the box of the Gauss-Newton method they take half the runs, and end as low or lower. But on the coarse mesh of the tutorial
-            # the loop then names a lamp for jaws that warm up.
+            # Conductivity and contact lie in a bent valley. Where these fits go by the box of the Gauss-Newton method, the loop of the
+            # tutorial names a lamp for jaws that warm up.
             method = "trust-region" if model.one_way and settings.method == "least-squares" else method_of(model, settings)
             fit = change.converted(minimise(problem, method, options, hooks))
         return start.with_vector(fit.x), fit

@@ -29,7 +29,7 @@ from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
 from thermofit.diagnose.unlisted_place import Place, compact, place_of
-from thermofit.diagnose.unlisted_second import second_histories
+from thermofit.diagnose.unlisted_second import Second, second_histories
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.diagnose.unlisted_steps import best_of_its_form, better, in_steps
@@ -67,6 +67,8 @@ TURNED = 0.5
 """Part of its steps that is taken from where one turns back on the step before: that of twice the way goes to and fro without end."""
 SETTLING = 3
 """Steps of the fitted parameters beside a term at most."""
+LIKELIER = 0.5
+"""Likelihood of another kind of history beside a term above which it is likelier than not: at most one is."""
 RIVALS = 0.8
 """Part of the gain of a term from which one of another kind may be the better once parameters have followed it."""
 WORTH = 0.03
@@ -172,7 +174,7 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
         term, parameters, remark = settled(there, structure, first)
     alike = first.basis.grid.places == 1 and case.model.segments is None
     last = remark
-    if alike and term is not first and (remark or strayed(parameters, here.case.parameters, term)):
+    if alike and term is not first:
         case, then, parameters, said = told_beside(there, structure, term, parameters)
         last, term = remark if then is term else said, then
     if alike and GONE in (remark, said):
@@ -190,30 +192,24 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
     return replace(found, settled=last != UNSETTLED)
 
 
-def strayed(parameters: Parameters, told: Parameters, term: MissingField) -> bool:
-    """Whether a parameter beside a term is more than a standard error from where errors of mesh and steps were told: nearer by they are the
-    same to a small part of themselves, and runs that tell them cost as much as all others beside a small term."""
-    return bool(np.any(np.abs(parameters.vector() - told.vector()) > term.uncertainty))
-
-
 def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted, alone: Unlisted) -> Unlisted:
     """What is missing by a term that is the same everywhere, or by one of another kind, once parameters have followed either. At the
     optimum without them each has a part of what the other does: parameters that were driven off make up for the rest, of a lamp that burns
     for a while as of jaws that warm up and cool down.
 
-    The rival is the kind that is likelier beside the term than none (`likelihoods`). It is what is missing where it predicts held-out data
-    better, or no worse while the term is not likely beside it: one of them then does without the other. Where none is likely, what a camera
-    adds and a term beside which the parameters do not settle have the rival that is best at the optimum: a heat has to predict no worse
-    than what a camera adds, as there (`of_instrument`), and so has any rival of the other."""
+    The rival is the kind that is likelier than not beside the term (`weighed`). It is what is missing where it predicts held-out data
+    better, or no worse while the term is not likely beside it: the rival alone is then enough. Where no kind is likely,
+    what a camera adds and a term beside which the parameters do not settle have the rival that is best at the optimum: a heat has to
+    predict no worse than what a camera adds, as there (`of_instrument`), and so has any rival of the other. A run that fails and would tell
+    what is likely is said, and then nothing is."""
     term = whole.field
     if term is None or term.basis.grid.places != 1 or here.case.model.segments is not None:
         return whole
     missing = here.case.model.missing
     assert missing is not None, "the term has a kind"
     seen = observed_field(structure.blocks.channel)
-    share = likelihoods(here, structure, whole)
-    likely = max(share, key=lambda kind: share[kind], default="")
-    likely = likely if share.get(likely, 0.0) > HALF else ""
+    likely, failed = likelier(here, structure, whole)
+    whole = _saying(whole, failed)
     of_camera = term.basis.kind in missing.of_instruments.get(seen, ())
     if not likely and whole.settled and not of_camera:
         return whole
@@ -236,22 +232,35 @@ def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted,
         return whole
     if not whole.settled or (of_camera and best.term.basis.kind in missing.of_surface.get(seen, ())):
         return other
-    return other if likely and likelihoods(here, structure, other).get(term.basis.kind, 1.0) <= HALF else whole
+    if not likely:
+        return whole
+    back, failed = likelier(here, structure, other)
+    return _saying(whole, failed) if failed or back == term.basis.kind else other
 
 
-def likelihoods(here: Traced, structure: Structure, found: Unlisted) -> Mapping[str, float]:
-    """How likely a history of each other kind is beside a term, where the parameters that have followed it are; none where they have not
-    settled, or a run there fails, which is said where standard errors need them (`beside_source`)."""
-    case, term = found.case or here.case, found.field
+def likelier(here: Traced, structure: Structure, found: Unlisted) -> tuple[str, str]:
+    """The kind of another history that is likelier than not beside a term, where the parameters that have followed it are; empty where none
+    is, and where they have not settled. Then why it is not known, where a run there fails."""
+    case, term, parameters = found.case or here.case, found.field, found.parameters
     if term is None or not found.settled:
-        return {}
-    there = replace(case, parameters=found.parameters)
+        return "", ""
     try:
-        known = LinearModel(*case.model.linearised(found.parameters, found.parameters.free))
-        others = histories(there, structure, term)
-        return second_histories(beside_term(known, case, found.parameters, term), term, others).likelihood
-    except NumericsError:
-        return {}
+        known = beside_term(LinearModel(*case.model.linearised(parameters, parameters.free)), case, parameters, term)
+        share = weighed(known, case, structure, term, parameters).likelihood
+    except NumericsError as error:
+        return "", f"other kinds of histories were not weighed beside the {term.basis.kind}: a run failed ({error})"
+    return next((kind for kind, part in share.items() if part > LIKELIER), ""), ""
+
+
+def weighed(known: LinearModel, case: Case, structure: Structure, term: MissingField, parameters: Parameters) -> Second:
+    """Other kinds of histories that a channel may have beside a term, where the parameters that have followed it are; `known`: the linear
+    model there (`beside_term`). NumericsError where a run fails."""
+    return second_histories(known, term, histories(replace(case, parameters=parameters), structure, term))
+
+
+def _saying(found: Unlisted, words: str) -> Unlisted:
+    """The same with words behind its remark."""
+    return replace(found, remark="; ".join(filter(None, (found.remark, words)))) if words else found
 
 
 def _told_alone(here: Traced, structure: Structure, base: np.ndarray | None) -> bool:

@@ -190,7 +190,7 @@ def test_noise_of_the_residual_ends_a_search_whose_second_derivatives_outweigh(s
 
 
 def test_second_derivatives_known_near_by_spare_runs():
-    """A fit tells those at its end, in the units of the parameters, and a fit beside it begins with them: 2, 3 and 5 runs for 11, 11 and 10."""
+    """A fit tells those at its end, by the parameters, and one beside it begins with them: 2, 3 and 5 runs for 11, 11 and 10."""
     sharp = Settings(x_tolerance=1e-6, f_tolerance=1e-6)
     first = minimise(brown_dennis([25.0, 5.0, -5.0, -1.0], scale=SCALE), settings=sharp)
     one, zero = np.ones(20), np.zeros(20)

@@ -139,6 +139,8 @@ def test_the_kind_that_is_likelier_than_not_beside_a_term_is_its_rival(monkeypat
     rivals, ends = {"jaws": 0.88, "clock": 0.1}, {"jaws": jaws, "clock": clock}
     found, made = asked(monkeypatch, flux, rivals, ends, likely={"flux": {"clock": 0.8, "jaws": 0.1}})
     assert found is clock and made == ["clock 0.1"]
+    found, _ = asked(monkeypatch, flux, rivals, ends, likely={"flux": {"clock": 0.8}, "clock": {"flux": 0.9}})
+    assert found is clock, "it predicts better, though the term is likely beside it as well"
     found, made = asked(monkeypatch, flux, rivals, ends, likely={"flux": {"clock": 0.5, "jaws": 0.1}})
     assert found is flux and made == []
 

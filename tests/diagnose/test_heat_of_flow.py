@@ -11,7 +11,7 @@ import pytest
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.heat_of_flow import goes_with_flow, heat_along, windows_of, with_form_of_heat
+from thermofit.diagnose.heat_of_flow import goes_with_flow, heat_along, of_any_length, windows_of, with_form_of_heat
 from thermofit.diagnose.loop import Closed
 from thermofit.effects.catalogue import effect
 from thermofit.fit.budget import FORM_OF_HEAT, Budget
@@ -78,17 +78,28 @@ def test_windows_lie_side_by_side_up_to_the_largest_strain() -> None:
 
 
 def test_intervals_hold_half_of_it_as_far_as_the_data_let() -> None:
-    """Against the whole normal matrix with a prior for every window."""
+    """Against the whole normal matrix with a prior for the windows and for stretches of them, each a term of its own."""
     asked: list[Any] = []
     before = closed(case(seen(asked), **HEAT))
     after = with_form_of_heat(before)
     assert asked == [((), windows_of(case(**HEAT)))]
     u = 0.5 * 40.0 / np.sqrt(3.0)
-    every = np.column_stack([COLUMNS, 0.05 * WINDOWS])
-    exact = np.linalg.inv(every.T @ every + np.diag([0.0, 0.0, *[u**-2] * 20]))[:2, :2]
+    stretches = [0.05 * WINDOWS.reshape(200, -1, n).sum(axis=2) for n in (1, 2, 4, 5, 10, 20)]
+    every = np.column_stack([COLUMNS, *stretches])
+    prior = [6.0 * u**-2] * (20 + 10 + 5 + 4 + 2 + 1)
+    exact = np.linalg.inv(every.T @ every + np.diag([0.0, 0.0, *prior]))[:2, :2]
     assert after.fit.covariance is not None and after.fit.covariance.matrix_unit == pytest.approx(exact, rel=1e-3)
     assert after.budget is not None and set(after.budget.parts) == {FORM_OF_HEAT}
     assert "the form of latent_heat over plastic strain is one of many; intervals hold half of its heat, most of all" in after.remarks[-1]
+
+
+def test_a_heat_that_is_off_all_along_is_as_likely_as_one_in_a_window() -> None:
+    """Variance one at every strain; of the mean over all of them 0.35 (by hand: a sixth of 1/20 + 1/10 + 1/5 + 1/4 + 1/2 + 1), where
+    windows on their own would leave a twentieth."""
+    spread = of_any_length(20)
+    covariance = spread @ spread.T
+    assert np.diag(covariance) == pytest.approx(np.ones(20))
+    assert covariance.mean() == pytest.approx(0.35)
 
 
 def test_nothing_is_asked_where_no_heat_of_flow_was_added() -> None:

@@ -2,10 +2,12 @@
 
 A heat that goes with flow (a latent heat, or a share of plastic work that changes with plastic strain) is told by temperatures alone. Its
 form over plastic strain is one of many. What the true one has beside it looks like a share of plastic work, and that like a heat capacity
-or an expansion: capacity, beta and expansion then end many of their standard errors off, at the noise. So before its data speak, in
-every window of plastic strain the heat may be off by up to half of what the effect has at most: evenly, with a variance of a twelfth of the
-square of that range (JCGM 100, 4.3.7). With the columns S of the windows it enters as held exponents do (`held_exponents.in_doubt`): as
-much of it as the data leave.
+or an expansion: capacity, beta and expansion then end many of their standard errors off, at the noise. So before its data speak, at
+every plastic strain the heat may be off by up to half of what the effect has at most: evenly, with a variance of a twelfth of the
+square of that range (JCGM 100, 4.3.7). Over which stretch of plastic strain it is off by the same is not known either. Windows of plastic
+strain are taken as they are, in twos, and so on up to all of them together, each length as likely as another. With the columns S of the
+windows and the square root L of that covariance, S L enters as held exponents do (`held_exponents.in_doubt`): as much of it as the data
+leave.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from thermofit.law.page import law_of
 WINDOW = "latent_heat"
 """The effect that is a heat in a window of plastic strain."""
 WINDOWS = 20
-"""Windows of plastic strain, side by side, in which the heat may be off on its own."""
+"""Windows of plastic strain, side by side: the shortest stretches in which the heat may be off on its own."""
 _STRAINS = 201
 
 
@@ -57,7 +59,7 @@ def with_form_of_heat(closed: Closed) -> Closed:
         return replace(closed, remarks=(*closed.remarks, words))
     most = max(float(np.abs(heat_along(e, here.case)).max()) for e in heats)
     model = LinearModel(fit.residual, fit.jacobian, here.problem.model.noise)
-    wider = in_doubt(fit, model, columns * EITHER_WAY * most / np.sqrt(3.0))
+    wider = in_doubt(fit, model, columns @ of_any_length(len(windows)) * EITHER_WAY * most / np.sqrt(3.0))
     told = most_widened(fit, wider)
     words = f"the form of {names} over plastic strain is one of many"
     closed = with_wider(closed, FORM_OF_HEAT, wider)
@@ -90,6 +92,13 @@ def windows_of(case: Case) -> tuple[Direction, ...]:
     heat, centre, width = (f"{WINDOW}.{name}" for name in ("heat", "centre", "width"))
     each = case.largest_strain / WINDOWS
     return tuple((heat, {centre: (k + 0.5) * each, width: each}) for k in range(WINDOWS))
+
+
+def of_any_length(count: int) -> np.ndarray:
+    """Lower triangle L (count, count) of the covariance L L^T between windows side by side, of variance one each, that are off by the same
+    over stretches of 1 to `count` windows: the mean of the covariances for every length that divides `count`."""
+    lengths = [n for n in range(1, count + 1) if count % n == 0]
+    return np.linalg.cholesky(np.mean([np.kron(np.eye(count // n), np.ones((n, n))) for n in lengths], axis=0))
 
 
 def _source(one: Effect, case: Case, rate: float) -> np.ndarray:

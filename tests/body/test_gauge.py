@@ -83,6 +83,45 @@ def test_derivatives_are_of_second_order(coupling: str) -> None:
     assert found[5][1].shape == (body.mesh.n_nodes, 3, 5)
 
 
+def usual() -> tuple[np.ndarray, GaugeLoading]:
+    """The same test in steps of half a second, as a study would have them."""
+    time = np.linspace(0.0, 56.0, 113)
+    e = np.interp(time, TIME, by_end().u[:, :, 1] @ dogbone()[1])
+    return time, GaugeLoading(time, e - e[0], "displacement", True, gauge=dogbone()[1])
+
+
+def test_one_sweep_a_step_differentiates_it() -> None:
+    """Sections cost no second sweep: the motion is that of the prescribed elongation from the first one on. Each step took two before. As
+    loosely as a study asks, derivatives are those of a tight tolerance to 1e-3 of their largest."""
+    names, (time, loading), found = ("E", "M_y0", "H_exp", "alpha_exp", "c0"), usual(), []
+    for tolerance in (0.02, 1e-6):
+        kept: dict[int, StepRates] = {}
+
+        def collect(n: int, at: StepRates, kept: dict[int, StepRates] = kept) -> None:
+            kept[n] = StepRates(at.u.copy(), at.theta.copy(), at.force.copy())
+
+        asked = Sensitivities(names, collect, tolerance=tolerance)
+        found.append((march_between(dogbone()[0], NOMINAL, loading, time, watch=Watch(sensitivities=asked)), kept))
+    (run, loose), (_, tight) = found
+    assert run.counts["sensitivity_sweeps"] <= 1.4 * run.counts["steps"]
+    for field in ("u", "theta", "force"):
+        of, known = (np.array([getattr(at[n], field) for n in range(len(time))]) for at in (loose, tight))
+        axes = tuple(range(of.ndim - 1))
+        assert np.all(np.abs(of - known).max(axis=axes) <= 1e-3 * np.abs(known).max(axis=axes)), field
+
+
+def test_sections_are_placed_as_exactly_as_equilibrium_is_found() -> None:
+    """Three nanometres for each 1e-5 of the tolerance, and a tighter tolerance places them more exactly, at more element passes."""
+    (time, loading), weights = usual(), dogbone()[1]
+    length, passes = float(np.ptp(dogbone()[0].mesh.nodes[:, 1])), []
+    for tolerance in (1e-5, 1e-7):
+        run = march_between(dogbone()[0], NOMINAL, loading, time, MarchSettings(newton=NewtonSettings(tolerance=tolerance)))
+        e = run.u[:, :, 1] @ weights
+        assert np.abs(e - e[0] - loading.value).max() <= max(3e-3 * tolerance, 1e-9) * length
+        passes.append(run.counts["element_passes"])
+    assert passes[0] < 0.8 * passes[1]
+
+
 def test_sections_beside_the_neck_lead_beyond_the_load_maximum() -> None:
     """A necked bar of 30 mm between sections at 5 and 25 mm: the force falls as under its end."""
     known = run(necked("displacement"), [0.0, 1.0], [0.0, 6.0], steps=40)

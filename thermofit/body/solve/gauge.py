@@ -9,6 +9,10 @@ is one equation for U in every step, solved by secants around the equilibrium un
 alone: a direction of its own, q, whose history is zero at the start of every step. With the rates r of a parameter at the guess U' = c,
 
     U' = c - (g . u_y'|_c - e'(rest)) / (g . q_y),      rates = r + (U' - c) q.
+
+This is done as soon as the mechanics has answered to theta' as it is foreseen, so that histories and heat follow the right motion from the
+first sweep on, and once more at the end of the step, for what the sweeps have changed. Temperatures of q are none at the start of each step
+and cannot be foreseen; since little is left to do with q then, its first answer is exact enough.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ import numpy as np
 from thermofit.body.body import Body
 from thermofit.body.heat.conduction import HeatConditions
 from thermofit.body.heat.coupling import HeatOfStep
+from thermofit.body.sensitivity.march import Differentiator
 from thermofit.body.sensitivity.step_rates import LinearisedStep, Rates, Sensitivities, StepEnds, StepRates
 from thermofit.body.solve.history import DEFAULTS, NOBODY, Balance, History, MarchSettings, State, Watch
 from thermofit.body.solve.loading import Loading
@@ -33,7 +38,9 @@ from thermofit.effects.catalogue import LOAD, effects
 from thermofit.law.page import Law, law_in_step
 
 _EXACT = 1e-9
-"""Open elongation, as a share of the body's length, at which the end of a step is found: 0.15 nm of 150 mm."""
+"""Open elongation, as a share of the body's length, below which none is asked for: 0.15 nm of 150 mm."""
+_OPEN = 3e-3
+"""The same share per tolerance of equilibrium at which the end of a step is found. An equilibrium moves the sections by more."""
 _MAX_SECANTS = 20
 _STEEPEST = 20.0
 """Most by which a secant may take the end farther than the one before would."""
@@ -69,17 +76,71 @@ def march_between(
     return marched(run, parameters, np.zeros((len(loading.time), len(names))), times, watch)
 
 
+class _BetweenRates(Differentiator):
+    """Differentiates the steps of a march between two sections. The last direction asked for is that of the end alone."""
+
+    _loading: GaugeLoading | None = None
+    _rest = _end = np.empty(0)
+
+    @property
+    def _lane(self) -> int:
+        return len(self.asked.names) - 1
+
+    def begin(self, loading: GaugeLoading, rest: Rates) -> None:
+        """From now on the elongation is prescribed, from a state with the rates `rest`."""
+        self._loading, self._rest = loading, loading.elongation(rest.u)
+        self._end = np.zeros(self.m)
+        self._end[self._lane] = 1.0
+
+    def between(self, start: Rates, mechanics: LinearisedStep, ends: StepEnds) -> Rates:
+        """Rates at the end of a step under the prescribed elongation. NumericsError as `step`, and where the elongation does not follow the
+        end."""
+        for old in (start.u, start.theta, start.points, start.dilatation, *(theta for _, theta in start.past)):
+            old[..., self._lane] = 0.0
+        found = self.step(start, mechanics, ends, self._end)
+        change = self._closing(found.u)
+        for new in (found.u, found.theta, found.points, found.dilatation):
+            _add_column(new.reshape(-1, new.shape[-1]), self._lane, change)
+        return replace(found, top_force=found.top_force + found.top_force[self._lane] * change)
+
+    def _closing(self, u: np.ndarray) -> np.ndarray:
+        """Change (m,) of the rates of the end that keeps the elongation as prescribed, which `_end` takes up."""
+        assert self._loading is not None
+        k, elongation = self._lane, self._loading.elongation(u)
+        if elongation[k] == 0.0:
+            raise NumericsError("sections: the elongation does not follow the end of the body; use smaller steps")
+        change = -(elongation - self._rest) / elongation[k]
+        change[k:] = 0.0
+        self._end = self._end + change
+        return change
+
+    def _mechanics(self, mechanics: LinearisedStep, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        u = super()._mechanics(mechanics, points_n, theta)
+        if self._loading is None:
+            return u
+        change = self._closing(u)
+        for rates in (u, theta):
+            _add_column(rates.reshape(-1, rates.shape[-1]), self._lane, change)
+        self._load = self._load + change
+        self._held = self._held + self._held[self._lane] * change
+        return u
+
+    def _change(self, found: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        size = super()._change(found, theta)
+        size[self._lane] = 0.0
+        return size
+
+
 class _Between(Run):
     """One march between two sections."""
+
+    differentiator = _BetweenRates
 
     def __init__(self, body: Body, law: Law, conditions: HeatConditions, loading: GaugeLoading, settings: MarchSettings) -> None:
         super().__init__(body, law, conditions, loading, settings)
         self.between = loading
         self.rest = 0.0
-        self.rest_rates = np.empty(0)
         self.ratio = 1.0
-        self.lane = 0
-        self.end_rates = np.empty(0)
 
     def differentiate(self, parameters: Parameters, asked: Sensitivities, load_rates: np.ndarray) -> None:
         """As in any march; the last direction is that of the end alone, under the name of a Param of the machine: no such one acts."""
@@ -91,10 +152,6 @@ class _Between(Run):
         names = (*asked.names, _of_machine(asked.names))
         unit = np.ones((len(load_rates), 1))
         super().differentiate(parameters, replace(asked, names=names, collect=collect), np.concatenate([load_rates, unit], axis=1))
-        assert self.rates is not None
-        self.lane = len(self.rates.asked.names) - 1
-        self.end_rates = np.zeros(self.rates.m)
-        self.end_rates[self.lane] = 1.0
 
     def load(self, t: float) -> float:
         """Displacement of the end where the specimen rests, whatever the noise of the elongation is then."""
@@ -105,7 +162,8 @@ class _Between(Run):
         start = super().initial(t)
         self.rest = float(self.between.elongation(start.u))
         if start.rates is not None:
-            self.rest_rates = self.between.elongation(start.rates.u)
+            assert isinstance(self.rates, _BetweenRates)
+            self.rates.begin(self.between, start.rates)
         return start
 
     def _step(self, start: State, past: tuple[Passed, ...], t: float) -> tuple[State, Balance]:
@@ -118,11 +176,12 @@ class _Between(Run):
         one_way = self.settings.coupling == "one-way"
         heat = HeatOfStep(self.body, self.law, self.conditions, start, (t, self.settings.heat_scheme))
         tried, open_before, there = start.load, wanted - before, start.u
+        exact = self.length * max(_OPEN * self.settings.newton.tolerance, _EXACT)
         for _ in range(_MAX_SECANTS):
             theta = self.resting_temperature if one_way else theta
             found = self._mechanics(u, theta, start, past, end, fresh, None if one_way else heat)
             left = wanted - float(self.between.elongation(found.u))
-            if abs(left) <= _EXACT * self.length:
+            if abs(left) <= exact:
                 break
             moved, closed = end - tried, open_before - left
             ratio = moved / closed if closed * moved > 0.0 else self.ratio
@@ -147,24 +206,8 @@ class _Between(Run):
         if self.rates is None or start.rates is None:
             return state, balance
         mechanics = self._linearised(found, self.resting_temperature if one_way else state.theta, start.points)
-        return replace(state, rates=self._rates_of(start.rates, mechanics, heat.ends(found))), balance
-
-    def _rates_of(self, start: Rates, mechanics: LinearisedStep, ends: StepEnds) -> Rates:
-        """Rates at the end of a step under the prescribed elongation."""
-        assert self.rates is not None
-        k = self.lane
-        for old in (start.u, start.theta, start.points, start.dilatation, *(theta for _, theta in start.past)):
-            old[..., k] = 0.0
-        found = self.rates.step(start, mechanics, ends, self.end_rates)
-        elongation = self.between.elongation(found.u)
-        if elongation[k] == 0.0:
-            raise NumericsError("sections: the elongation does not follow the end of the body; use smaller steps")
-        change = -(elongation - self.rest_rates) / elongation[k]
-        change[k:] = 0.0
-        self.end_rates = self.end_rates + change
-        for new in (found.u, found.theta, found.points, found.dilatation):
-            _add_column(new.reshape(-1, new.shape[-1]), k, change)
-        return replace(found, top_force=found.top_force + found.top_force[k] * change)
+        assert isinstance(self.rates, _BetweenRates)
+        return replace(state, rates=self.rates.between(start.rates, mechanics, heat.ends(found))), balance
 
 
 @kernel

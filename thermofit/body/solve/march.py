@@ -109,6 +109,9 @@ def marched(run: Run, parameters: Parameters, load_rates: np.ndarray, times: np.
 class Run:
     """One march: body, law, conditions and the solver with its buffers."""
 
+    differentiator = Differentiator
+    """What differentiates its steps."""
+
     def __init__(self, body: Body, law: Law, conditions: HeatConditions, loading: Loading, settings: MarchSettings) -> None:
         self.body, self.law, self.conditions, self.loading, self.settings = body, law, conditions, loading, settings
         self.follower = PathFollower(body, law, settings.newton) if loading.control == "arc" else None
@@ -139,7 +142,7 @@ class Run:
             asked, load_rates = asked.of(places), load_rates[:, places]
         rates = condition_rates(parameters, asked.names, self.law if one_way else None)
         rates = rates.on_sets(tuple(self.body.films), tuple(self.settings.films))
-        self.rates = Differentiator(self.body, self.law, parameters, rates, asked, one_way=one_way)
+        self.rates = self.differentiator(self.body, self.law, parameters, rates, asked, one_way=one_way)
         self.load_rates = np.zeros((len(load_rates), self.rates.m))
         self.load_rates[:, : load_rates.shape[1]] = load_rates / self.factor
 

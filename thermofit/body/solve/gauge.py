@@ -10,9 +10,8 @@ alone: a direction of its own, q, whose history is zero at the start of every st
 
     U' = c - (g . u_y'|_c - e'(rest)) / (g . q_y),      rates = r + (U' - c) q.
 
-This is done as soon as the mechanics has answered to theta' as it is foreseen, so that histories and heat follow the right motion from the
-first sweep on, and once more at the end of the step, for what the sweeps have changed. Temperatures of q are none at the start of each step
-and cannot be foreseen; since little is left to do with q then, its first answer is exact enough.
+The temperatures of q are none at the start of each step and cannot be foreseen, so that q alone would ask for a second sweep in every step.
+Its first answer is exact enough: U' of the step before is a good guess, and little of q is added.
 """
 
 from __future__ import annotations
@@ -95,35 +94,19 @@ class _BetweenRates(Differentiator):
     def between(self, start: Rates, mechanics: LinearisedStep, ends: StepEnds) -> Rates:
         """Rates at the end of a step under the prescribed elongation. NumericsError as `step`, and where the elongation does not follow the
         end."""
+        assert self._loading is not None
         for old in (start.u, start.theta, start.points, start.dilatation, *(theta for _, theta in start.past)):
             old[..., self._lane] = 0.0
         found = self.step(start, mechanics, ends, self._end)
-        change = self._closing(found.u)
-        for new in (found.u, found.theta, found.points, found.dilatation):
-            _add_column(new.reshape(-1, new.shape[-1]), self._lane, change)
-        return replace(found, top_force=found.top_force + found.top_force[self._lane] * change)
-
-    def _closing(self, u: np.ndarray) -> np.ndarray:
-        """Change (m,) of the rates of the end that keeps the elongation as prescribed, which `_end` takes up."""
-        assert self._loading is not None
-        k, elongation = self._lane, self._loading.elongation(u)
+        k, elongation = self._lane, self._loading.elongation(found.u)
         if elongation[k] == 0.0:
             raise NumericsError("sections: the elongation does not follow the end of the body; use smaller steps")
         change = -(elongation - self._rest) / elongation[k]
         change[k:] = 0.0
         self._end = self._end + change
-        return change
-
-    def _mechanics(self, mechanics: LinearisedStep, points_n: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        u = super()._mechanics(mechanics, points_n, theta)
-        if self._loading is None:
-            return u
-        change = self._closing(u)
-        for rates in (u, theta):
-            _add_column(rates.reshape(-1, rates.shape[-1]), self._lane, change)
-        self._load = self._load + change
-        self._held = self._held + self._held[self._lane] * change
-        return u
+        for new in (found.u, found.theta, found.points, found.dilatation):
+            _add_column(new.reshape(-1, new.shape[-1]), k, change)
+        return replace(found, top_force=found.top_force + found.top_force[k] * change)
 
     def _change(self, found: np.ndarray, theta: np.ndarray) -> np.ndarray:
         size = super()._change(found, theta)

@@ -11,7 +11,9 @@ alone: a direction of its own, q, whose history is zero at the start of every st
     U' = c - (g . u_y'|_c - e'(rest)) / (g . q_y),      rates = r + (U' - c) q.
 
 The temperatures of q are none at the start of each step and cannot be foreseen, so that q alone would ask for a second sweep in every step.
-Its first answer is exact enough: U' of the step before is a good guess, and little of q is added.
+It asks for none: U' of the step before is a good guess, and little of q is added. Where measured sections scatter by a micrometre, the
+derivatives of all fields together, in units of the noise, are within 1e-3 of exact ones still. Those of a field that a parameter hardly
+moves are less exact (the force by c0: 4 %).
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ from thermofit.law.page import Law, law_in_step
 _EXACT = 1e-9
 """Open elongation, as a share of the body's length, below which none is asked for: 0.15 nm of 150 mm."""
 _OPEN = 3e-3
-"""The same share per tolerance of equilibrium at which the end of a step is found. An equilibrium moves the sections by more."""
+"""The same share per tolerance of equilibrium, at which the end of a step is found: 4.5 nm of 150 mm at the default. The end of the
+reference specimen is off by 11 nm then and its force by 0.06 N, less than a fiftieth of the noise."""
 _MAX_SECANTS = 20
 _STEEPEST = 20.0
 """Most by which a secant may take the end farther than the one before would."""

@@ -2,6 +2,7 @@
 
     python scripts/without_noise.py                # both specimens of scripts/other_causes.py, steps of a fit and short ones
     python scripts/without_noise.py --specimen steel --steps 0.5 --mesh-of-truth 4 28 1
+    python scripts/without_noise.py --left         # what the joint fit of `diagnose` leaves, and what it says that mesh and steps may leave
     python scripts/without_noise.py --specimen aluminium --seed 1 3 5 10 11 12     # with the usual noise, by these seeds
 
 Instruments have a hundredth of their usual noise. The study is told the usual one of displacements and temperatures, so that these weigh
@@ -16,7 +17,9 @@ import json
 import tempfile
 from itertools import product
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import yaml
 from other_causes import BASE, SPECIMENS, command, programme
 
@@ -34,9 +37,12 @@ USUAL = {"displacement": 0.002, "temperature": 0.025}
 """Noise of a point in mm and of a pixel in K that the study is told."""
 
 
-def off(specimen: str, steps: float, mesh_of_truth: dict[str, int], seed: int | None = None) -> dict[str, tuple[float, float]]:
-    """By how much each parameter of `refine` is off, in per cent and in combined standard errors; `seed`: with the usual noise.
-    RuntimeError where a command fails."""
+def told(
+    specimen: str, steps: float, mesh_of_truth: dict[str, int], seed: int | None = None, left: bool = False
+) -> dict[str, tuple[float, float]]:
+    """By how much each parameter of `refine` is off, in per cent and in combined standard errors; `left`: by channel the rms of the
+    residual of the joint fit and of what mesh and steps may leave there, in units of the noise. `seed`: with the usual noise. RuntimeError
+    where a command fails."""
     made = SPECIMENS[specimen]
     seen = QUIET if seed is None else {"seed": seed, **{name: {n: QUIET[name][n]} for name, n in (("dic", "stages"), ("ir", "frames"))}}
     simulated = {
@@ -47,18 +53,32 @@ def off(specimen: str, steps: float, mesh_of_truth: dict[str, int], seed: int | 
         folder = Path(passing)
         (folder / "lab.yaml").write_text(yaml.safe_dump({"name": "lab", "mesh": made["mesh"], "simulate": simulated}), encoding="utf-8")
         noise = ("--set", f"noise={json.dumps(USUAL)}") if seed is None else ()  # else it is measured from the files
-        told = ("--set", f"mesh={json.dumps(made['mesh'])}", *noise, "--run-dir", "runs")
+        settings = ("--set", f"mesh={json.dumps(made['mesh'])}", *noise, "--run-dir", "runs")
         for words in (
             ("simulate", "lab.yaml", "--run-dir", "lab"),
             ("new", "study.yaml", "--experiment", "lab/raw"),
-            ("run", "study.yaml", *told),
+            ("run", "study.yaml", *settings),
+            *((("diagnose", "study.yaml", *settings, "--json"),) if left else ()),
         ):
             done = command(folder, *words)
             if done.returncode not in (0, 5):
                 raise RuntimeError(f"{specimen}: {' '.join(words)} ended with exit {done.returncode}: {done.stderr[-300:]}")
+        if left:
+            return levels(json.loads(done.stdout)["lack_of_fit"])
         found = thermofit.open_run(folder / "runs").record("refine").parameters
     truth = made["truth"]
     return {n: (100.0 * (found[n].value / truth[n] - 1.0), (found[n].value - truth[n]) / (found[n].sigma or float("inf"))) for n in BASE}
+
+
+def levels(phases: list[dict[str, Any]]) -> dict[str, tuple[float, float]]:
+    """By channel the rms of the residual and of what mesh and steps may leave in it, from the rows of the lack of fit by phase."""
+    found = {}
+    for channel in dict.fromkeys(row["channel"] for row in phases):
+        own = [row for row in phases if row["channel"] == channel]
+        n = sum(row["n"] for row in own)
+        residual, mesh = (float(np.sqrt(sum(row["n"] * row[key] for row in own) / n)) for key in ("chi2_reduced", "numerical"))
+        found[channel] = residual, mesh
+    return found
 
 
 def main() -> None:
@@ -68,14 +88,17 @@ def main() -> None:
     parser.add_argument("--steps", nargs="+", type=float, default=STEPS)
     parser.add_argument("--mesh-of-truth", nargs=3, type=int, metavar=("N_X", "N_Y", "N_Z"), help="elements of the laboratory")
     parser.add_argument("--seed", nargs="+", type=int, default=[None], help="with the usual noise, by these seeds")
+    parser.add_argument("--left", action="store_true", help="what is left in the residual of the joint fit, for what parameters are off by")
     options = parser.parse_args()
     for specimen in options.specimen:
         mesh = SPECIMENS[specimen]["of_truth"]
         if options.mesh_of_truth:
             mesh = dict(zip(("n_x", "n_y", "n_z"), options.mesh_of_truth, strict=True))
         for steps, seed in product(options.steps, options.seed):
-            told = ", ".join(f"{n} {share:+.3f} % ({z:+.1f})" for n, (share, z) in off(specimen, steps, mesh, seed).items())
-            print(f"{specimen}, steps of {steps:g} s{'' if seed is None else f', seed {seed}'}: {told}", flush=True)
+            numbers = told(specimen, steps, mesh, seed, options.left).items()
+            form = "{} {:.3f} of its noise is left, {:.3f} may be" if options.left else "{} {:+.3f} % ({:+.1f})"
+            words = ", ".join(form.format(name, *pair) for name, pair in numbers)
+            print(f"{specimen}, steps of {steps:g} s{'' if seed is None else f', seed {seed}'}: {words}", flush=True)
 
 
 if __name__ == "__main__":

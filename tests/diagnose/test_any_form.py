@@ -80,7 +80,7 @@ def traced(du: float, cheap: bool = False, known: Any = (CURVE,), on: bool = Fal
     )
     rows = SimpleNamespace(channel=np.repeat([0, 1], [200, 100]))
     return SimpleNamespace(
-        case=case, columns=SimpleNamespace(residual=residual), rows=rows, problem=SimpleNamespace(numerical=np.zeros(300))
+        case=case, columns=SimpleNamespace(residual=residual), rows=rows, problem=SimpleNamespace(may_be_left=np.zeros(300))
     )
 
 

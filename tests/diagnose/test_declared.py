@@ -13,6 +13,7 @@ from seen_field import case_of
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose.before_after import before_after
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.prepared import Prepared
@@ -132,6 +133,26 @@ def test_a_reading_that_the_joint_fit_drives_off_is_no_trusted_answer(times: flo
         (sentence,) = summary["doubts"]
         assert sentence.startswith("theta_air ends at ") and f", {times:.0f} times the standard error of 0.1 K off the declared" in sentence
         assert sentence in summary["remarks"] and sentence in summary["verdict"]
+
+
+@pytest.mark.parametrize("taken", [True, False])
+def test_an_error_of_the_mesh_that_the_parameters_have_taken_up_is_no_part_of_the_floor(taken: bool) -> None:
+    """The residual is 1.7 times the noise; the mesh may leave an error of 1.7 times the noise, and only one that no parameter can make is
+    left."""
+    case, fit = fitted(case_of(1))
+    plain = traced(case)
+    column = plain.columns.fitted[:, 0] if taken else np.random.default_rng(7).normal(size=len(plain.rows.time))
+    error = column * 1.7 * np.sqrt(len(column)) / np.linalg.norm(column)
+    loud = replace(plain.columns, residual=1.7 * plain.columns.residual)
+    here = replace(traced(case, error), columns=loud)
+    assert here.answered is not taken
+    refit = cast(Any, SimpleNamespace(failures=[]))
+    summary = diagnosis_summary(Prepared(here.case, fit, refit, error, MeshSize(n_x=1, n_y=1, n_z=1)), here)
+    assert summary["trustworthy"] is not taken
+    told = np.array([row["numerical"] for row in summary["lack_of_fit"]])
+    assert np.all(told < 1e-9) if taken else np.all(told > 2.0)
+    table = before_after(here, here)["after"]
+    assert all((value < 1e-6 * table["floor"][c]) is taken for c, value in table["numerical"].items())
 
 
 def test_rows_of_priors_do_not_make_an_effect_felt() -> None:

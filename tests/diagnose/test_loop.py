@@ -57,9 +57,10 @@ def test_planted_effect_is_named_added_and_estimated() -> None:
 
 
 def test_errors_stand_beside_both_floors() -> None:
-    """A numerical error of a fifth of the noise everywhere; the datasets are in units of the noise."""
+    """A numerical error of a fifth of the noise everywhere that no parameter can make; the datasets are in units of the noise."""
     case, _ = fitted(case_of(3))
-    here = traced(case, np.full(N_T * N_S, 0.2))
+    error = traced(case).problem.model.projected(np.random.default_rng(2).normal(size=N_T * N_S))
+    here = traced(case, 0.2 * error / np.sqrt(np.mean(error**2)))
     table = before_after(here, here)
     assert table["after"]["numerical"]["theta"] == pytest.approx(0.2 * SIGMA) and table["after"]["floor"]["theta"] == SIGMA
     kept = error_datasets(table)

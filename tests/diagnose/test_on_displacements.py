@@ -58,7 +58,7 @@ def trace(mechanics: Mechanics | None, du: float = 4.0, cheap: bool = False) -> 
     )
     rows = SimpleNamespace(channel=np.repeat([0, 1], [N, 100]), time=np.linspace(0.0, 10.0, N + 100), xy=np.zeros((N + 100, 2)))
     residual = np.concatenate([np.full(N, du), np.full(100, 5.0)])
-    problem, columns = SimpleNamespace(numerical=None), SimpleNamespace(residual=residual)
+    problem, columns = SimpleNamespace(may_be_left=None), SimpleNamespace(residual=residual)
     return Here(case, columns, rows, SimpleNamespace(scores=scores), problem, {n: {} for n in DROPS})
 
 

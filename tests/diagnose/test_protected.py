@@ -221,8 +221,7 @@ def test_a_step_that_is_proposed_below_the_floor_of_a_coarse_mesh_is_refitted_to
     """The parameters have been driven off there as anywhere. Where no step is proposed nothing is asked."""
     case, fit, *_ = problem(**{"lamp.absorbed": 0.02})
     here = traced(replace(case, parameters=fit.minimised(case.parameters.replace(**fit.first), "plain")))
-    floor = np.full(len(here.columns.residual), np.sqrt(float(np.mean(here.columns.residual**2))))
-    below = replace(here, problem=replace(here.problem, numerical=floor))
+    below = replace(here, problem=replace(here.problem, numerical=here.problem.model.left))
     assert below.excess(float(below.columns.residual @ below.columns.residual)) == 0.0 and below.promising()
     assert "lamp" in rescored(below).warmed
     none = replace(below, ranking=replace(below.ranking, scores=()))

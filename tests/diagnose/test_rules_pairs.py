@@ -45,7 +45,7 @@ def trial(gain: float = 0.5, drop: float = 0.0, refused: str = "", names: tuple[
 
 def plain() -> Any:
     """A trace of N rows whose discretisation is exact."""
-    here = SimpleNamespace(columns=SimpleNamespace(residual=np.zeros(N)), problem=SimpleNamespace(numerical=None))
+    here = SimpleNamespace(columns=SimpleNamespace(residual=np.zeros(N)), problem=SimpleNamespace(may_be_left=None))
     here.excess = lambda f: Traced.excess(cast(Traced, here), f)
     return here
 

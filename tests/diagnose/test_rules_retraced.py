@@ -21,7 +21,7 @@ def here_of(beyond: float, numerical: np.ndarray | None = None, **drops: float) 
     scores = tuple(SimpleNamespace(effect=n, predicted_drop=d, vetoed="it cannot be" if n == "cannot" else "") for n, d in drops.items())
     residual = np.full(N, np.sqrt((N + beyond) / N))
     here = SimpleNamespace(columns=SimpleNamespace(residual=residual), ranking=SimpleNamespace(scores=scores))
-    here.problem = SimpleNamespace(numerical=numerical)
+    here.problem = SimpleNamespace(may_be_left=numerical)
     here.excess = lambda f: Traced.excess(cast(Traced, here), f)
     return here
 

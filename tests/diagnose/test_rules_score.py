@@ -173,6 +173,19 @@ def test_what_the_mesh_may_leave_in_a_channel_is_not_told_from_it(size: float, h
     assert least >= np.sqrt(40.0) - 1e-9, "the least amplitude that can be named knows of it"
 
 
+def test_an_error_of_the_mesh_that_a_parameter_has_taken_up_hides_nothing() -> None:
+    """The rows of `test_what_the_mesh_may_leave_in_a_channel_is_not_told_from_it` that were hidden, beside a parameter whose column is the
+    error: what may be left is what no parameter can make. Half of it, in another direction, may be."""
+    effect, other = np.repeat([1.0, 0.0], [8, 4]), np.tile([1.0, -1.0], 6) * np.repeat([1.0, 0.0], [8, 4])
+    third = np.tile([1.0, 1.0, -1.0, -1.0], 3) * np.repeat([1.0, 0.0], [8, 4])
+    columns, channel = {"ir_drift": (("ir_drift.rate",), 1e3 * effect[:, None])}, np.repeat([0, 1], [8, 4])
+    for error, left in ((np.sqrt(5.0) * other, 0.0), (np.sqrt(2.5) * (other + third), 20.0)):
+        problem = Columns(LinearModel(1.5 * effect, 7.0 * other[:, None]), columns, None, error, channel=channel)
+        (score,) = ranked(problem).scores
+        assert score.numerical_drop == pytest.approx(left) and score.predicted_drop == pytest.approx(18.0)
+        assert float(np.sum(problem.may_be_left**2)) == pytest.approx(left)
+
+
 def test_an_error_of_the_mesh_below_chance_hides_nothing() -> None:
     """Eight rows whose declared noise is twice the true one hold less than their number; the mesh may leave 7, chance makes 8."""
     effect = np.ones(8)

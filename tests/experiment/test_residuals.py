@@ -177,6 +177,6 @@ def test_the_lack_of_fit_tells_memory_phase_by_phase() -> None:
     white = random.normal(size=len(here.rows.time))
     still = np.tile(random.normal(size=30), 80)
     residual = np.where(here.rows.phase == 0, white, still)
-    rows = lack_of_fit(replace(here, columns=replace(here.columns, residual=residual)), np.zeros(len(residual)))
+    rows = lack_of_fit(replace(here, columns=replace(here.columns, residual=residual)))
     first, second = ((row["lag_one_time"], row["lag_one_space"]) for row in rows)
     assert first == pytest.approx((0.0, 0.0), abs=0.1) and second[0] == pytest.approx(1.0) and abs(second[1]) < 0.5

@@ -54,15 +54,13 @@ class Witnesses:
         return "inside" if "inside" in said else "outside" if "outside" in said else "none"
 
 
-def witnesses(here: Traced, parts: JointParts | None, numerical: np.ndarray | None) -> Witnesses | None:
-    """Local balances of all body tests at the parameters of a trace; None where no body was tested.
-
-    `numerical` (n,): whitened error of mesh and steps that may be left. What fails is said, and counts as no map.
-    """
+def witnesses(here: Traced, parts: JointParts | None) -> Witnesses | None:
+    """Local balances of all body tests at the parameters of a trace; None where no body was tested. What fails is said, and counts as no
+    map."""
     if parts is None:
         return None
-    stands = {s.blocks.channel for s in standing(here, numerical)}
-    left = _by_channel(here, numerical)
+    stands = {s.blocks.channel for s in standing(here, here.problem.numerical)}
+    left = _by_channel(here)
     found, without = [], []
     for name, joint in parts.each.items():
         lead = f"{name}: " if name else ""
@@ -113,12 +111,12 @@ def where_of(whole: bool, local: bool) -> Where:
     return "inside" if local else "outside" if whole else "none"
 
 
-def _by_channel(here: Traced, numerical: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Rows of the numerical error by channel."""
+def _by_channel(here: Traced) -> dict[str, np.ndarray]:
+    """Rows of the whitened error of mesh and steps that may be left by channel."""
     out: dict[str, np.ndarray] = {}
-    at = 0
+    at, error = 0, here.problem.may_be_left
     for c in here.case.model.comparisons:
-        if numerical is not None:
-            out[c.channel] = numerical[at : at + c.n]
+        if error is not None:
+            out[c.channel] = error[at : at + c.n]
         at += c.n
     return out

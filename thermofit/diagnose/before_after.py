@@ -25,7 +25,7 @@ def channel_rms(here: Traced, residual: np.ndarray) -> dict[str, tuple[float, fl
 
 def numerical_rms(here: Traced) -> dict[str, float]:
     """Rms per channel of the error of mesh and steps that may be left in the residual, in units of the noise; empty: it is not known."""
-    error = here.problem.numerical
+    error = here.problem.may_be_left
     if error is None:
         return {}
     return {c: float(np.sqrt(np.mean(error[here.rows.channel == k] ** 2))) for k, c in enumerate(here.case.channels)}

@@ -165,7 +165,7 @@ def _scored(here: Traced, model: LinearModel, one: _Asked) -> tuple[float, float
     if np.linalg.norm(s) <= _OWN * np.linalg.norm(one.column):
         return 0.0, 0.0, 1.0, 0.0, 0.0
     scored = model.score(s, here.problem.groups)
-    error = here.problem.numerical
+    error = here.problem.may_be_left
     step, sigma = float(scored.step[0]), float(scored.sigma[0])
     return step / sigma, step, sigma, scored.drop, 0.0 if error is None else scored.drop_of(error)
 

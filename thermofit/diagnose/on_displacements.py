@@ -128,7 +128,8 @@ def above_floor(here: Traced) -> bool:
 
 def mechanical(here: Traced) -> list[tuple[float, float, int, str]]:
     """Mean square of the residual and of the error of mesh and steps in it, number, and name of every channel that is not temperature."""
-    numerical = np.zeros(len(here.columns.residual)) if here.problem.numerical is None else here.problem.numerical
+    may_be_left = here.problem.may_be_left
+    numerical = np.zeros(len(here.columns.residual)) if may_be_left is None else may_be_left
     found = []
     for k, c in enumerate(here.case.model.comparisons):
         rows = here.rows.channel == k

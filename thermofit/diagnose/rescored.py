@@ -197,8 +197,9 @@ def share_of_source(here: Traced, there: Traced) -> float | None:
 
 
 def _numerical(here: Traced, mine: np.ndarray) -> float:
-    """Square sum of the error of mesh and steps in the rows that are `mine`."""
-    return 0.0 if here.problem.numerical is None else float(np.sum(here.problem.numerical[mine] ** 2))
+    """Square sum of the error of mesh and steps that may be left in the rows that are `mine`."""
+    error = here.problem.may_be_left
+    return 0.0 if error is None else float(np.sum(error[mine] ** 2))
 
 
 def nothing_added(here: Traced, fit: HeatFit, found: Protected, mine: np.ndarray) -> float:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -43,8 +44,8 @@ class Columns:
     """Linearised problem at the optimum with the columns (n, k) of dormant effects, per unit of the Params that stand before them.
 
     `groups` (n,) numbers rows that may be correlated with each other, whatever the reason: the variance is never taken smaller than these
-    groups show it. `numerical` (n,): error of the discretisation that may be left in the residual. `channel` (n,): number of the channel of
-    each row, -1 of a prior.
+    groups show it. `numerical` (n,): error of the discretisation that the correction of the data may have left in them. `channel` (n,):
+    number of the channel of each row, -1 of a prior.
     """
 
     model: LinearModel
@@ -56,6 +57,12 @@ class Columns:
     channel: np.ndarray | None = None
     material: Mapping[int, float] = field(default_factory=dict)
     """Places of columns of parameters of the material, and their values, where it is asked what an effect moves."""
+
+    @cached_property
+    def may_be_left(self) -> np.ndarray | None:
+        """Error (n,) of mesh and steps that may be left in the residual at the optimum: without the part of it that the fitted parameters
+        have taken up. An error of what the jaws hold is nearly all a film of theirs. None where it is not known."""
+        return None if self.numerical is None else self.model.projected(self.numerical)
 
     def moves(self, block: np.ndarray, room: Room) -> bool:
         """Whether a step of an effect's columns (n, k) within their room moves a parameter of the material far."""
@@ -80,13 +87,14 @@ class Columns:
     def of_mesh(self, s: np.ndarray) -> tuple[float, bool]:
         """What the error of mesh and steps may leave of r.r in the channel where columns s (n, k) act most, and whether it holds no more
         beyond noise and chance: then nothing that acts there can be told from this error."""
-        if self.numerical is None or self.channel is None:
+        error = self.may_be_left
+        if error is None or self.channel is None:
             return 0.0, False
         acts = np.sum(projection(s).basis ** 2, axis=1)
         of = np.unique(self.channel[self.channel >= 0])
         own = self.channel == max(of, key=lambda k: float(acts[self.channel == k].sum()))
         left, n = self.model.left[own], float(own.sum())
-        may_be, chance = float(self.numerical[own] @ self.numerical[own]), SURE * float(np.sqrt(2.0 * n))
+        may_be, chance = float(error[own] @ error[own]), SURE * float(np.sqrt(2.0 * n))
         # Where the declared noise is too large the channel seems to hold less than nothing, which a small error of the mesh does not make.
         return may_be, may_be > chance and float(left @ left) - n + chance < may_be
 
@@ -222,7 +230,8 @@ def _score(
     felt = _felt_names(names, block, s)
     sigma = dict(zip(felt, found.sigma.tolist(), strict=True))
     estimate = {name: _moved(name, float(a)) for name, a in zip(felt, found.step, strict=True)}
-    numerical = 0.0 if columns.numerical is None else found.drop_of(columns.numerical)
+    error = columns.may_be_left
+    numerical = 0.0 if error is None else found.drop_of(error)
     may_be, hidden = columns.of_mesh(s)
     least = max(numerical, may_be / OVER_NUMERICAL)
     part = float(np.linalg.norm(model.data(s)) / np.linalg.norm(model.data(block)))

@@ -75,7 +75,7 @@ class Traced:
     def excess(self, f: float) -> float:
         """What a square sum f of the residual holds beyond noise and what the error of mesh and steps that may be left would make; no more
         than chance where it is not above PLAIN standard errors of the square sum of noise, then zero."""
-        return beyond_floor(f, len(self.columns.residual), self.problem.numerical)
+        return beyond_floor(f, len(self.columns.residual), self.problem.may_be_left)
 
     @property
     def answered(self) -> bool:
@@ -181,8 +181,9 @@ def traced(
     noise = noise_of(case, alike)
     room = room_of(case.parameters, case.parameters.free, case.reach)
     model = LinearModel(found.residual, found.fitted, noise, room, len(case.model.priors))
-    answered = beyond_floor(float(found.residual @ found.residual), len(found.residual), numerical) == 0.0
-    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel, material=material_of(case, answered))
+    columns = Columns(model, found.dormant, groups, numerical, channel=rows.channel)
+    answered = beyond_floor(float(found.residual @ found.residual), len(found.residual), columns.may_be_left) == 0.0
+    columns = replace(columns, material=material_of(case, answered))
     scanned, unjudged = _scanned(case, columns, found)
     return _judged(case, found, rows, split, columns, scanned, unjudged)
 

@@ -41,10 +41,10 @@ class BalanceEntries:
     datasets: dict[str, Dataset]
 
 
-def local_findings(study: Study, here: Traced, parts: JointParts | None, numerical: np.ndarray | None) -> BalanceEntries:
+def local_findings(study: Study, here: Traced, parts: JointParts | None) -> BalanceEntries:
     """Local balances and drifts of a traced case: entries `local_balances` (None: no body was tested) and `drift`; writes the figure into
     the run folder."""
-    seen = witnesses(here, parts, numerical)
+    seen = witnesses(here, parts)
     datasets = {} if seen is None else balance_datasets(seen)
     figure = None
     if datasets:

@@ -66,10 +66,10 @@ def channels_of(here: Traced) -> dict[str, dict[str, Any]]:
     return table
 
 
-def lack_of_fit(here: Traced, numerical: np.ndarray) -> list[dict[str, Any]]:
-    """Per channel and phase: reduced chi-square, what the discretisation error adds to it, mean, and the correlation of whitened residuals
-    of neighbouring times at a point, and of neighbouring points at a time (None where there is one point)."""
-    rows, at = [], 0
+def lack_of_fit(here: Traced) -> list[dict[str, Any]]:
+    """Per channel and phase: reduced chi-square, what the error of mesh and steps may add to it, mean, and the correlation of whitened
+    residuals of neighbouring times at a point, and of neighbouring points at a time (None where there is one point)."""
+    rows, at, numerical = [], 0, _may_be_left(here)
     for k, comparison in enumerate(here.case.model.comparisons):
         own = np.arange(at, at + comparison.n)
         at += comparison.n
@@ -123,7 +123,7 @@ def diagnosis_summary(found: Prepared, here: Traced) -> dict[str, Any]:
         line = f"the residual points to {names}"
     else:
         line = "no effect of the catalogue would lower the error on held-out data by more than its uncertainty"
-    levels = _levels(here, found.numerical)
+    levels = _levels(here)
     against = doubts(
         levels,
         (here.case.model.priors, here.case.parameters),
@@ -147,9 +147,15 @@ def _ends(here: Traced, fit: FitResult) -> dict[str, str]:
     return undetermined(here.case.parameters, fit, here.case.bounds) if same else {}
 
 
-def _levels(here: Traced, numerical: np.ndarray) -> list[ChannelLevel]:
+def _may_be_left(here: Traced) -> np.ndarray:
+    """Error (n,) of mesh and steps that may be left; zero where none is known."""
+    error = here.problem.may_be_left
+    return np.zeros(len(here.columns.residual)) if error is None else error
+
+
+def _levels(here: Traced) -> list[ChannelLevel]:
     """Every channel over its floor, as a whole and in every phase."""
-    whole = []
+    whole, numerical = [], _may_be_left(here)
     for k, c in enumerate(here.case.model.comparisons):
         own = here.rows.channel == k
         square, error = (float(np.mean(v[own] ** 2)) for v in (here.columns.residual, numerical))
@@ -157,7 +163,7 @@ def _levels(here: Traced, numerical: np.ndarray) -> list[ChannelLevel]:
         far = places[int(np.argmax(np.abs(here.columns.residual[places])))]
         farthest = float(here.rows.time[far]), float(abs(here.columns.residual[far]))
         whole.append(level(c.channel, square, error, c.n, largest=farthest))
-    rows = lack_of_fit(here, numerical)
+    rows = lack_of_fit(here)
     return whole + [level(r["channel"], r["chi2_reduced"], r["numerical"], r["n"], r["phase"]) for r in rows]
 
 
@@ -180,7 +186,7 @@ def _common(found: Prepared, here: Traced, against: Sequence[str], fit: FitResul
         "trustworthy": found.fit.converged and not against,
         "doubts": [*settled, *against],
         "channels": channels_of(here),
-        "lack_of_fit": lack_of_fit(here, found.numerical),
+        "lack_of_fit": lack_of_fit(here),
         "mesh": [size.n_x, size.n_y, size.n_z],
         "held_out": held_out_words(here),
         "threshold": here.ranking.threshold,
@@ -250,7 +256,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
     here, unsettled = closed.last, "" if closed.fit.converged else closed.fit.message
     enough = not_asked_of_pose(here.case, closed.rounds[-1].trials if closed.rounds else ())
     against = doubts(
-        _levels(here, found.numerical),
+        _levels(here),
         (here.case.model.priors, here.case.parameters),
         closed.unjudged,
         unsettled,
@@ -269,7 +275,7 @@ def loop_summary(found: Prepared, closed: Closed, study_file: Path) -> dict[str,
         "unjudged": dict(closed.unjudged),
         "verdict": _with_doubts(_verdict(closed, table), against),
         "ranking": ranking_rows(closed.first, closed.accepted),
-        "grade": grade(like_of(closed), bool(above_floor(_levels(here, found.numerical))), None),
+        "grade": grade(like_of(closed), bool(above_floor(_levels(here))), None),
         "could_show": could_show(here),
         "accepted": list(closed.accepted),
         "stand_ins": {name: list(others) for name, others in like_of(closed).items()},

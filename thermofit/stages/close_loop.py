@@ -39,7 +39,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         write_study(study, closed, study.run_dir / STUDY)
         told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed), found.refit.parts)
         parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
-        local = local_findings(study, closed.last, parts or found.refit.parts, closed.numerical)
+        local = local_findings(study, closed.last, parts or found.refit.parts)
         beside = beside_source(closed.last, missing, closed.budget)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit, closed.by_noise, beside)
         said = described(study, closed.last, missing, beside, local.entries["local_balances"])

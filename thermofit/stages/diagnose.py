@@ -35,7 +35,7 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         here = rescored(traced(found.case, found.numerical, study.diagnosis.held_out, fit=found.fit))
         missing = unlisted(here, structured(here, found.numerical), [s.effect for s in here.promising()])
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
-        local = local_findings(study, here, found.refit.parts, found.numerical)
+        local = local_findings(study, here, found.refit.parts)
         beside = beside_source(here, missing)
         said = described(study, here, missing, beside, local.entries["local_balances"])
         summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}

@@ -179,3 +179,6 @@ def test_a_trace_asks_of_every_effect_that_it_proves(monkeypatch: pytest.MonkeyP
     much = replace(case, parameters=on.replace(**{"ir_drift.rate": 0.1}).with_free((*on.free, "ir_drift.rate")))
     far_off = traced(much)
     assert not far_off.answered and far_off.problem.material == {}, "beside an effect that leaves more nothing is asked"
+    column = far_off.columns.fitted[:, 0]
+    taken = traced(much, 9.0 * column * np.linalg.norm(far_off.columns.residual) / np.linalg.norm(column))
+    assert not taken.answered and taken.problem.material == {}, "an error of the mesh that a parameter has taken up leaves nothing"

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from thermofit.core.parameters import Parameters
+from thermofit.diagnose import rescored
 from thermofit.diagnose.rescored import asked_of, missed
 from thermofit.diagnose.rescored import enough as one_step_is_enough
+from thermofit.diagnose.score import Columns
 from thermofit.diagnose.trace import Traced
+from thermofit.fit.linear_model import LinearModel
 
 N = 200
 
@@ -40,6 +43,20 @@ def test_what_the_error_of_mesh_and_steps_would_make_is_not_missing() -> None:
     """Of a square sum 200 beyond noise 130 may be left of the mesh."""
     for made, more in ((np.full(N, np.sqrt(0.65)), True), (np.full(N, np.sqrt(0.5)), False), (np.zeros(N), False)):
         assert bool(one_step_is_enough(here_of(200.0, made))) is more
+
+
+@pytest.mark.parametrize(("taken", "whole"), [(True, 800.0), (False, 600.0)])
+def test_what_a_source_explains_counts_without_what_mesh_and_steps_may_leave(
+    monkeypatch: pytest.MonkeyPatch, taken: bool, whole: float
+) -> None:
+    """Of a square sum of 1000 the source leaves 200, an end 400. The mesh may leave 200, if no parameter has taken it up."""
+    monkeypatch.setattr(rescored, "shown_rows", lambda _: np.ones(N, dtype=bool))
+    alike, other = np.ones(N), np.tile([1.0, -1.0], N // 2)
+    problem = Columns(LinearModel(np.zeros(N), alike[:, None]), {}, numerical=alike if taken else other)
+    here: Any = SimpleNamespace(problem=problem, protected=SimpleNamespace(with_source=200.0))
+    here.columns, there = SimpleNamespace(residual=np.full(N, np.sqrt(5.0))), SimpleNamespace()
+    there.columns = SimpleNamespace(residual=np.full(N, np.sqrt(2.0)))
+    assert rescored.share_of_source(here, cast(Any, there)) == pytest.approx(600.0 / whole)
 
 
 def test_asked_are_the_strong_those_that_cannot_be_and_the_unfelt_that_no_held_out_test_judges() -> None:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import jsonable
+from thermofit.diagnose import balances
 from thermofit.diagnose.balances import Witness, Witnesses, where_of
+from thermofit.diagnose.score import Columns
 from thermofit.diagnose.significance import significance
 from thermofit.experiment.local_balance import LocalBalance
+from thermofit.fit.linear_model import LinearModel
 from thermofit.report.balances import balance_datasets, balance_entry, maps_of, significance_figure
 from thermofit.report.local_words import balance_lines
 
@@ -54,6 +60,27 @@ def witness(planted: float, whole: bool, test: str = "") -> Witness:
 def test_the_word_says_where_a_residual_comes_from(planted: float, whole: bool, word: str) -> None:
     seen = Witnesses((witness(planted, whole),), ())
     assert seen.where == word == seen.maps[0].where
+
+
+def test_a_balance_is_told_the_error_of_the_mesh_that_no_parameter_has_taken_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two rows of either channel; the parameter has taken up what all four have in common."""
+    error, left = np.array([3.0, 1.0, 2.0, 2.0]), np.array([1.0, -1.0, 0.0, 0.0])
+    problem = Columns(LinearModel(np.zeros(4), np.ones((4, 1))), {}, numerical=error)
+    told: list[Any] = []
+
+    def shown(joint: Any, parameters: Any, numerical: Any) -> Any:
+        told.extend(numerical)
+        raise NumericsError("no run")
+
+    for name, made in (("shown", shown), ("standing", lambda *_: []), ("has_sections", lambda _: True), ("named_phases", lambda _: ())):
+        monkeypatch.setattr(balances, name, made)
+    comparisons = [SimpleNamespace(channel=c, n=2) for c in ("du", "dtheta")]
+    case = SimpleNamespace(model=SimpleNamespace(comparisons=comparisons), parameters=None)
+    joint = SimpleNamespace(data=SimpleNamespace(phases=None))
+    parts: Any = SimpleNamespace(each={"": joint}, seen_by=lambda parameters, _: parameters)
+    found = balances.witnesses(cast(Any, SimpleNamespace(case=case, problem=problem)), parts)
+    assert found is not None and found.without == ("local balances: the run failed (no run)",)
+    assert [c for c, _ in told] == ["du", "dtheta"] and np.concatenate([rows for _, rows in told]) == pytest.approx(left)
 
 
 def test_a_result_holds_all_of_a_map(tmp_path: object) -> None:

@@ -61,8 +61,7 @@ class Columns:
     @cached_property
     def may_be_left(self) -> np.ndarray | None:
         """Error (n,) of mesh and steps that may be left in the residual at the optimum: without the part of it that the fitted parameters
-        have taken up. A coarse mesh conducts a little more or less, which is nearly all of what it makes of temperatures, and that is in
-        kappa then. None where it is not known."""
+        have taken up, bounds aside. None where it is not known."""
         return None if self.numerical is None else self.model.projected(self.numerical)
 
     def moves(self, block: np.ndarray, room: Room) -> bool:

@@ -7,8 +7,7 @@ from typing import Any
 from thermofit.core.parameters import Param
 
 SLOT = "capacity"
-# Bounds by judgement: AISI 304 gains 0.0008 per K above 300 K (Incropera and DeWitt, table A.1), polymers several times as much.
-PARAMS = (Param("capacity_by_temperature.slope", "1/K", 0.0, -0.01, 0.01, 1e-3, "relative change of the heat capacity per K", probe=5e-3),)
+PARAMS = (Param("capacity_by_temperature.slope", "1/K", 0.0, -0.02, 0.02, 1e-3, "relative change of the heat capacity per K", probe=5e-3),)
 FORMULA = "c0 *= 1 + slope (theta - theta_0)"
 SOURCE = "tables of aluminium and steel near room temperature, Touloukian 1970, volume 4; linear about the reference temperature"
 

@@ -76,6 +76,12 @@ def test_radiating_body_with_order_2() -> None:
     check_order_2(p, lambda t, x: -0.8 * SIGMA * SKIN / (p["c0"] * VOLUME) * (x**4 - 290.0**4), 600.0, 0.04)
 
 
+def test_body_in_still_air_with_order_2() -> None:
+    """c0 V dtheta/dt = -film |theta - theta_air|^n (theta - theta_air) A, far from the temperature of the air."""
+    p = STIFF.replace(**{"free_convection.film": 3.0, "free_convection.exponent": 0.25})
+    check_order_2(p, lambda t, x: -3e-3 * SKIN / (p["c0"] * VOLUME) * (x - 290.0) ** 1.25, 120.0, 0.02)
+
+
 def test_radiating_body_whose_heat_capacity_changes_with_order_2() -> None:
     """c0 (1 + slope (theta - theta_0)) V dtheta/dt = -sigma emissivity A (theta^4 - theta_air^4)."""
     p, slope = STIFF.replace(**{"radiation.emissivity": 0.8, "capacity_by_temperature.slope": 5e-3}), 5e-3
@@ -221,6 +227,7 @@ ON = {
     **{"local_source.power": 3.0, "local_source.place": 4.0, "local_source.width": 6.0, "local_source.start": 20.0},
     **{"capacity_by_temperature.slope": 4e-3, "conductivity_by_temperature.slope": -6e-3},
     **{"initial_gradient.amplitude": 1.3, "initial_gradient.tilt": 0.6},
+    **{"free_convection.film": 6.0, "free_convection.exponent": 0.3},
 }
 NAMES = tuple(name for name in ON)
 AMPLITUDES = tuple(p.name for e in effects(HEAT) for p in e.amplitudes)

@@ -323,6 +323,16 @@ ROWS: dict[str, Row] = {
     ),
     # sigma (400^4 - 300^4) = 5.670374419e-8 x 1.75e10 = 992.315523325 W/m^2 for a black body; half of it for a grey one, inwards if colder.
     # x = 0.399, 0.198, 0.03 make the root 0.401, 0.202, 0.05; at 293.15 K nothing changes.
+    # Half of an exponent of a sum that is 16, 4096 or 0.01 K^2: 2, 4 and 0.1^(1/2) W/(m^2 K) per W/(m^2 K) at 1 K, inwards if colder.
+    "free_convection": Row(
+        "surface_flux",
+        (
+            ((300.0 + a(sqrt(15.99), -sqrt(15.99)), 5.0, a(300.0, 300.0), 3.0, 0.5), 6e-3 * a(sqrt(15.99), -sqrt(15.99))),
+            ((300.0 + a(sqrt(4095.99), 0.0), 90.0, a(300.0, 300.0), 1.0, 1.0 / 3.0), a(4e-3 * sqrt(4095.99), 0.0)),
+            ((a(250.0), 5.0, a(250.0 - 3e-9), 2.0, 0.5), a(6e-12 * sqrt(0.1))),
+        ),
+        on=("air",),
+    ),
     "modulus_by_temperature": Row(
         "elasticity",
         (
@@ -492,10 +502,10 @@ def test_a_row_says_where_its_effect_acts(name: str) -> None:
 
 ONE_WAY = {
     *("backstress_first", "backstress_second", "elastic_degradation", "ir_lag", "jaw_slip", "radiation", "rate_logarithmic", "rate_power"),
-    *("modulus_by_temperature", "heating_profile"),
+    *("modulus_by_temperature", "heating_profile", "free_convection"),
     *("yield_plateau", "linear_hardening", "hill_anisotropy", "thermal_expansion", "air_convection", "clamp_conductance"),
 }
-"""Effects whose amplitude physics allows on one side of nothing alone: moduli, emissivities, time constants, overstress, damage, slip."""
+"""Effects whose amplitude physics allows on one side of nothing alone: moduli, emissivities, films, time constants, overstress, damage, slip."""
 
 
 def test_an_amplitude_is_bounded_by_nothing_where_physics_says_so() -> None:

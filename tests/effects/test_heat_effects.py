@@ -19,6 +19,7 @@ from thermofit.effects.catalogue import HEAT, Effect, effects, load_effect
 from thermofit.effects.clamp_difference import boundary_temperature as clamp_difference
 from thermofit.effects.clamp_drift import boundary_temperature as clamp_drift
 from thermofit.effects.conductivity_by_temperature import conductivity
+from thermofit.effects.free_convection import surface_flux as free_convection
 from thermofit.effects.initial_gradient import initial_temperature
 from thermofit.effects.lamp import RAMP
 from thermofit.effects.lamp import surface_flux as lamp
@@ -45,7 +46,7 @@ def probed(effect: Effect) -> list[float]:
 def test_catalogue_holds_them() -> None:
     assert {e.name for e in BUILT_IN} >= {
         *("radiation", "lamp", "clamp_drift", "clamp_step", "air_drift", "clamp_difference", "latent_heat"),
-        *("capacity_by_temperature", "conductivity_by_temperature", "initial_gradient"),
+        *("capacity_by_temperature", "conductivity_by_temperature", "initial_gradient", "free_convection"),
     }
 
 
@@ -79,6 +80,15 @@ def test_radiation(theta: float, emissivity: float) -> None:
     assert radiation(np.array(1000.0), 0.0, np.array(0.0), 1.0) == pytest.approx(56.70374)
     film = 1e3 * float(radiation(np.array(theta + 1e-4), 0.0, np.array(theta - 1e-4), emissivity)) / 2e-4
     assert film == pytest.approx(1e3 * 4.0 * 5.670374419e-11 * 1e3 * emissivity * theta**3 / 1e3, rel=1e-6, abs=1e-12)
+
+
+@given(st.floats(0.5, 80.0), st.sampled_from([0.25, 1.0 / 3.0]))
+def test_free_convection_of_a_warm_and_a_cold_plate(difference: float, exponent: float) -> None:
+    """Nu ~ Ra^n: sixteen times the difference has 16^n times the film, and a plate that is colder takes what a warmer one gives off."""
+    q = lambda d: float(free_convection(np.array(297.0 + d), 0.0, np.array(297.0), 1.5, exponent))  # noqa: E731
+    assert q(difference) == pytest.approx(-q(-difference), rel=1e-9) and q(0.0) == 0.0
+    assert q(16.0 * difference) / q(difference) == pytest.approx(16.0 ** (1.0 + exponent), rel=0.01)
+    assert q(difference) == pytest.approx(1.5e-3 * difference ** (1.0 + exponent), rel=0.01)
 
 
 def test_lamp_brings_its_power_from_its_start_on() -> None:

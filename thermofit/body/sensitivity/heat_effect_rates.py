@@ -27,8 +27,8 @@ from thermofit.body.solve.linear import multiply_symmetric
 from thermofit.core.errors import NumericsError
 from thermofit.law.page_rates import STEP, padded
 
-_WARMER = 0.05
-"""K; step of the difference of slopes by theta."""
+_WARMER = 1e-3
+"""K; step of the difference of slopes by theta: a flux may bend within a tenth of a kelvin, and slopes are exact to rounding."""
 _AROUND = np.array([0.0, _WARMER, -_WARMER])
 _FACTORS = ("capacity", "conductivity")
 LOADS = (*_FACTORS, "surface_flux", "boundary_temperature")

@@ -189,7 +189,7 @@ CAUSES: dict[str, Cause] = {
         "surface_flux",
         "def surface_flux(theta, time, surroundings, amount):\n"
         "    return amount * (theta - surroundings) * 0.5 * (1.0 + np.tanh((time - 150.0) / 5.0))\n",
-        ("air_convection", "radiation", "lamp", "air_drift"),
+        ("air_convection", "free_convection", "radiation", "lamp", "air_drift"),
         HEAT,
         ("air",),
     ),
@@ -197,9 +197,23 @@ CAUSES: dict[str, Cause] = {
         "surface_flux",
         "def surface_flux(theta, time, surroundings, amount):\n"
         "    d = theta - surroundings\n    return amount * d * ((d * d + 0.01) ** 0.125 - 1.5)\n",
-        ("air_convection", "radiation", "lamp", "air_drift"),
+        ("air_convection", "free_convection", "radiation", "lamp", "air_drift"),
         HEAT,
         ("air",),
+    ),
+    "film-of-still-air": Cause(
+        "surface_flux",
+        "def surface_flux(theta, time, surroundings, amount):\n"
+        "    d = theta - surroundings\n    return amount * d * (d * d + 0.0001) ** (1.0 / 6.0)\n",
+        ("free_convection", "air_convection", "radiation"),
+        HEAT,
+        ("air",),
+    ),
+    "film-by-height": Cause(
+        "heat_source",
+        "def heat_source(theta, accumulated, rate, time, x, y, amount):\n    return amount * (theta - 297.0) * np.tanh(y / 30.0)\n",
+        ("air_convection", "free_convection"),
+        HEAT,
     ),
     "heat-by-rate": Cause(
         "dissipation",
@@ -254,6 +268,8 @@ RUNS: dict[str, dict[str, float]] = {
     "clock-runs-slow": {"clock-runs-slow": -0.006},
     "emissivity-by-place": {"emissivity-by-place": 0.01},
     "rate and jaws step": {"rate-by-arsinh": 5.0, "jaws-step": 1.2},
+    "film-of-still-air": {"film-of-still-air": 0.002},
+    "film-by-height": {"film-by-height": 0.002},
 }
 """What is planted in each run, and how much of it."""
 

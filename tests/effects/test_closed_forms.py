@@ -505,7 +505,7 @@ ONE_WAY = {
     *("modulus_by_temperature", "heating_profile", "free_convection"),
     *("yield_plateau", "linear_hardening", "hill_anisotropy", "thermal_expansion", "air_convection", "clamp_conductance"),
 }
-"""Effects whose amplitude physics allows on one side of nothing alone: moduli, emissivities, films, time constants, overstress, damage, slip."""
+"""Effects whose amplitude physics allows on one side of nothing alone: moduli, films, emissivity, lags, overstress, damage, slip."""
 
 
 def test_an_amplitude_is_bounded_by_nothing_where_physics_says_so() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from virtual_pulls import SIZE, SPECIMEN, TRUTH, data, study
 
-from thermofit.core.parameters import Parameters
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.discretisation import finer_mesh, left_by, on_mesh_ratio
 from thermofit.experiment.joint import Joint, coarse_mesh, joint_settings
@@ -155,3 +156,33 @@ def test_a_stage_tells_what_it_takes_for_exact() -> None:
     noise = told.causes["force noise"][:, 0]
     flow = np.flatnonzero(np.abs(noise) > 0.1 * np.abs(noise).max())
     assert float(noise[flow] @ gain[flow]) > 0.5 * np.linalg.norm(noise[flow]) * np.linalg.norm(gain[flow]), "both pull at the specimen"
+
+
+@pytest.mark.parametrize("carries", [True, False])
+def test_the_error_of_the_force_is_asked_on_one_layer(carries: bool) -> None:
+    """Over half the thickness, where what it does is that on two layers; on these where one layer does not carry the force."""
+    two = SIZE.with_counts({"n_z": 2})
+    case, measured = study().model_copy(update={"mesh": two}), data()
+    modes = np.ones((len(measured.steps["all"].time), 1)) * 4.0
+    measured = replace(measured, steps={name: replace(s, error=modes) for name, s in measured.steps.items()})
+    experiment = BodyExperiment(case, given=measured)
+    settings = PlasticStage(free=("M_y0",), channels={"du": ChannelSettings()}, window=(0.0, 40.0))
+    free, asked = PARAMETERS.with_free(settings.free), []
+
+    def model_of(of, own, base, size):  # type: ignore[no-untyped-def]
+        model = replace(experiment, given=of).model(own, base, size)
+
+        def linearise(parameters: Parameters, names: tuple[str, ...]):  # type: ignore[no-untyped-def]
+            asked.append(size.n_z)
+            if size.n_z == 1 and not carries:
+                raise NumericsError("not carried")
+            return model.linearise(parameters, names)
+
+        return replace(model, linearise=linearise)
+
+    told = stage_errors(case, measured, settings, free, (), {}, model_of).causes["force noise"]
+    assert asked == ([1] if carries else [1, 2])
+    model = experiment.model(settings, free, two)
+    expected = model.assemble_jacobian({"u": np.zeros_like(model.observations["u"].value)}, model.linearise(free, load_modes(1))[1])
+    near = np.linalg.norm(told - expected) / np.linalg.norm(expected)
+    assert near < (0.02 if carries else 1e-12) and (near > 0.0 or not carries)

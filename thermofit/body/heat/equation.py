@@ -31,11 +31,12 @@ _FACET_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
 
 
 class FacetData(NamedTuple):
-    """Facets of one film boundary: nodes (n_f, 4), shape functions and their derivatives at the 2 x 2 points."""
+    """Facets of one film boundary: nodes (n_f, 4), shape functions and their derivatives at the 2 x 2 points, all nodes once (n,)."""
 
     facets: np.ndarray
     shape: np.ndarray
     derivative: np.ndarray
+    nodes: np.ndarray
 
 
 def facet_data(facets: np.ndarray) -> FacetData:
@@ -43,7 +44,7 @@ def facet_data(facets: np.ndarray) -> FacetData:
     factor = 1.0 + _FACET_POINTS[:, None, :] * _FACET_CORNERS
     shape = factor.prod(axis=2) / 4.0
     derivative = _FACET_CORNERS * factor[:, :, ::-1] / 4.0
-    return FacetData(np.ascontiguousarray(facets), np.ascontiguousarray(shape), np.ascontiguousarray(derivative))
+    return FacetData(np.ascontiguousarray(facets), np.ascontiguousarray(shape), np.ascontiguousarray(derivative), np.unique(facets))
 
 
 @kernel

@@ -140,7 +140,7 @@ def _flux_rates(body: Body, along: Along, name: str, when: Timing, middle_rates:
     moment, length, _ = when
     theta, y = moment.middle, about_middle(body)[1]
     moved, here = along.directions("surface_flux", name), along.effect
-    on = np.unique(body.films[name].facets)
+    on = body.films[name].nodes
     at_three, y_on = theta[on] + _AROUND[:, None], y[on]
     by_number, slope = np.zeros((2, body.mesh.n_nodes, along.m))
     acts = here is not None and bool(here.of("surface_flux", name))

@@ -23,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,13 +53,15 @@ OF_FILES = (IR, DIC, IR_CLOCK)
 class Cause:
     """An effect file without its heading: slot, facet sets, function, the effects of the catalogue that are its family, channels. Of a
     camera (IR, DIC) the function gives the values of pixels (in degrees Celsius) or points from these, their places y in mm, the time in s
-    and the amount; of its clock (IR_CLOCK) the time that it says from that and the amount."""
+    and the amount; of its clock (IR_CLOCK) the time that it says from that and the amount. `beside`: change of a parameter of the base law
+    per amount where an effect is accepted, which has the planted form but for a part that is the same throughout."""
 
     slot: str
     function: str | Camera
     family: tuple[str, ...]
     channels: tuple[str, ...]
     on: tuple[str, ...] = ()
+    beside: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def _source(place: float | str, width: float, over_time: str) -> str:
@@ -200,6 +202,7 @@ CAUSES: dict[str, Cause] = {
         ("air_convection", "free_convection", "radiation", "lamp", "air_drift"),
         HEAT,
         ("air",),
+        {"free_convection": {"alpha_air": -1500.0}},
     ),
     "film-of-still-air": Cause(
         "surface_flux",
@@ -400,10 +403,21 @@ def tried(name: str, specimen: str, seed: int, keep: Path | None) -> dict[str, A
         loop = command(folder, "close-loop", "study.yaml", *mesh, "--json")
         if loop.returncode not in (0, 5):
             return {"failed": f"exit {loop.returncode}: {loop.stderr[-300:]}", "stages": staged.returncode}
-        return answer(folder, specimen, loop.returncode) | {"stages": staged.returncode, "seconds": round(time.perf_counter() - begin, 1)}
+        said = answer(folder, name, specimen, loop.returncode)
+        return said | {"stages": staged.returncode, "seconds": round(time.perf_counter() - begin, 1)}
 
 
-def answer(folder: Path, specimen: str, code: int) -> dict[str, Any]:
+def truth_beside(run: str, specimen: str, accepted: Sequence[str]) -> dict[str, float]:
+    """Parameters of the base law that are right beside what was accepted."""
+    truth = dict(SPECIMENS[specimen]["truth"])
+    for cause, amount in RUNS[run].items():
+        for name in accepted:
+            for parameter, change in CAUSES[cause].beside.get(name, {}).items():
+                truth[parameter] += amount * change
+    return truth
+
+
+def answer(folder: Path, run: str, specimen: str, code: int) -> dict[str, Any]:
     """What the loop of a run folder has answered, with exit code `code`."""
     record = thermofit.open_run(folder / "runs").record("close-loop")
     said = record.summary
@@ -411,7 +425,8 @@ def answer(folder: Path, specimen: str, code: int) -> dict[str, Any]:
     beside = (said["unlisted"] or {}).get("parameters") or {"values": {}}
     found |= {n: (row["value"], row["sigma"]) for n, row in beside["values"].items() if n in BASE}
     untold = [n for n in BASE if n in record.parameters and record.parameters[n].free and n not in found]
-    off = {n: (value - SPECIMENS[specimen]["truth"][n]) / sigma for n, (value, sigma) in found.items()}
+    truth = truth_beside(run, specimen, said["accepted"])
+    off = {n: (value - truth[n]) / sigma for n, (value, sigma) in found.items()}
     missing = said["unlisted"]
     return {
         "spot": beside.get("spot"),

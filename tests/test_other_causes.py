@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from thermofit.effects import catalogue
-from thermofit.effects.catalogue import effects, load_effect
+from thermofit.effects.catalogue import effect, effects, load_effect
 
 
 @pytest.fixture
@@ -115,3 +115,15 @@ def test_the_page_counts_second_histories_where_none_was_planted(study: Any) -> 
     kept = [("camera-tilts", {"flux": 0.9}), ("camera-tilts", {"flux": 0.3, "jaws": 0.4}), ("lamp pulse and camera step", {"flux": 0.9})]
     said = study.page([{**row, "run": "camera-tilts"}, *({**row, "run": run, "second": second} for run, second in kept)])
     assert "likelier than not in **1** of the 2 that keep it" in said
+
+
+def test_a_film_of_the_listed_form_leaves_its_constant_part_to_alpha_air(study: Any) -> None:
+    """Planted are 3 W/(m^2 K) (|d|^(1/4) - 1.5): beside the effect that has the first part, alpha_air is 4.5 smaller; beside others not."""
+    own, run = study.CAUSES["film-by-difference"], "film-by-difference"
+    held: dict[str, Any] = {}
+    exec(own.function, {"np": np}, held)  # as the laboratory has it
+    theta, air, amount = np.array([290.0, 297.05, 310.0]), np.full(3, 297.0), study.RUNS[run][run]
+    beside, plain = (study.truth_beside(run, "aluminium", accepted)["alpha_air"] for accepted in (["free_convection"], ["lamp"]))
+    assert plain == study.SPECIMENS["aluminium"]["truth"]["alpha_air"]
+    listed = effect("free_convection").act(theta, 0.0, air, 1e3 * amount, 0.25) + 1e-3 * (beside - plain) * (theta - air)
+    np.testing.assert_allclose(listed, held["surface_flux"](theta, 0.0, air, amount), rtol=1e-9)

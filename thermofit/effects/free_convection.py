@@ -15,7 +15,7 @@ _MOST = 10.0
 """W/(m^2 K) at 1 K. Laminar air has 1.42 length^(-1/4), in metres, at an upright plate: 2.5 at 0.1 m, 4.5 at 0.01 m."""
 PARAMS = (
     Param("free_convection.film", "W/(m^2 K)", 0.0, 0.0, _MOST, 1.0, "film coefficient of still air at a difference of 1 K", probe=2.0),
-    Param("free_convection.exponent", "1", 0.25, 0.1, 0.5, 0.1, "1/4 of laminar flow, 1/3 of turbulent flow", scan=(0.25,), follows=True),
+    Param("free_convection.exponent", "1", 0.25, 0.1, 0.5, 0.1, "1/4 of laminar flow, 1/3 of turbulent flow", scan=(0.25, 1.0 / 3.0)),
 )
 FORMULA = "q += film ((theta - theta_surroundings)^2 + (0.1 K)^2)^(exponent / 2) (theta - theta_surroundings)"
 SOURCE = "upright plates in air that nothing else moves, Nu ~ Ra^(1/4): Churchill and Chu, Int. J. Heat Mass Transfer 18 (1975) 1323"

@@ -93,7 +93,7 @@ UNPLANTED = {
     "force_scale": f"{BEYOND}a gain of 12, bound 0.5; coupon records do not know it",
     "force_offset": "detectable on the small body from 1000 N on, and three times that is half of the load; coupon records do not know it",
     "radiation": f"{BEYOND}emissivity 12, bound 1",
-    "free_convection": f"{BEYOND}17 to 24 W/(m^2 K) at 1 K by the pace of the test, bound 10",
+    "free_convection": f"{BEYOND}17 W/(m^2 K) at 1 K, bound 10",
     "capacity_by_temperature": f"{BEYOND}0.07 1/K, bound 0.02 1/K",
     "conductivity_by_temperature": f"{BEYOND}0.18 1/K, bound 0.02 1/K",
     "dic_scale": f"{BEYOND}0.55, bound 0.2",

@@ -613,7 +613,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "to 26 %. It has been one of 1/4 and 1/3 since, and anywhere between them where it is held. Alpha_air of steel is 1.5 of its",
         "errors off so, 5.6 %. The row of aluminium holds the exponent at 1/4.",
         "A film that falls along the height (steel, 15 % either way) is told as jaws that step apart and a source at a place, exit 0, at",
-        "the noise. Alpha_clamp is 9.0 of its errors off, 23 %.",
+        "the noise. Alpha_clamp is 9.0 of its errors off, 23 %. On aluminium it is not run yet.",
         "",
         "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | widest | s |",
         "|---|---|---|---|---|---|---|---|---|---|",

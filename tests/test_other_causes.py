@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -117,13 +118,27 @@ def test_the_page_counts_second_histories_where_none_was_planted(study: Any) -> 
     assert "likelier than not in **1** of the 2 that keep it" in said
 
 
-def test_a_film_of_the_listed_form_leaves_its_constant_part_to_alpha_air(study: Any) -> None:
+def test_a_film_of_the_listed_form_leaves_its_constant_part_to_alpha_air(study: Any, tmp_path: Path) -> None:
     """Planted are 3 W/(m^2 K) (|d|^(1/4) - 1.5): beside the effect that has the first part, alpha_air is 4.5 smaller; beside others not."""
     own, run = study.CAUSES["film-by-difference"], "film-by-difference"
-    held: dict[str, Any] = {}
-    exec(own.function, {"np": np}, held)  # as the laboratory has it
+    path = tmp_path / "film_by_difference_planted.py"
+    path.write_text(study.effect_file(run, own), encoding="utf-8")
+    planted = load_effect(path)
     theta, air, amount = np.array([290.0, 297.05, 310.0]), np.full(3, 297.0), study.RUNS[run][run]
     beside, plain = (study.truth_beside(run, "aluminium", accepted)["alpha_air"] for accepted in (["free_convection"], ["lamp"]))
     assert plain == study.SPECIMENS["aluminium"]["truth"]["alpha_air"]
     listed = effect("free_convection").act(theta, 0.0, air, 1e3 * amount, 0.25) + 1e-3 * (beside - plain) * (theta - air)
-    np.testing.assert_allclose(listed, held["surface_flux"](theta, 0.0, air, amount), rtol=1e-9)
+    np.testing.assert_allclose(listed, planted.act(theta, 0.0, air, amount), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("accepted", "off"), [(["free_convection"], 0.0), ([], -9.0)])
+def test_parameters_are_compared_with_those_beside_what_was_accepted(
+    study: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, accepted: list[str], off: float
+) -> None:
+    """Alpha_air 4.5 below the planted one, by a standard error of 0.5."""
+    value = study.SPECIMENS["steel"]["truth"]["alpha_air"] - 4.5
+    said = {"accepted": accepted, "unlisted": None, "stand_ins": None, "grade": "named", "local_balances": {"where": "none"}}
+    said |= {when: {"held_out": {}} for when in ("before", "after")}
+    record = SimpleNamespace(summary=said, parameters={"alpha_air": SimpleNamespace(value=value, sigma=0.5, free=True)})
+    monkeypatch.setattr(study.thermofit, "open_run", lambda _: SimpleNamespace(record=lambda _: record))
+    assert study.answer(tmp_path, "film-by-difference", "steel", 0)["off"] == {"alpha_air": off}

@@ -10,9 +10,10 @@ from thermofit.effects.film_exchange import FILM_UNIT
 SLOT = "surface_flux"
 ON = ("air",)
 _STILL = 0.1
-"""K; below about this difference the air hardly moves, and the film is that of conduction."""
+"""K; up to about this difference the film stays as it is: at a plate of 0.1 m Ra is 1e4 there, where the law of laminar flow begins."""
 _MOST = 10.0
-"""W/(m^2 K) at 1 K. Laminar air has 1.42 length^(-1/4), in metres, at an upright plate: 2.5 at 0.1 m, 4.5 at 0.01 m."""
+"""W/(m^2 K) at 1 K. Laminar air has 1.42 length^(-1/4), in metres, at an upright plate (Holman, Heat Transfer, table of simplified
+equations for air): 2.5 at 0.1 m, 4.5 at 0.01 m."""
 PARAMS = (
     Param("free_convection.film", "W/(m^2 K)", 0.0, 0.0, _MOST, 1.0, "film coefficient of still air at a difference of 1 K", probe=2.0),
     Param("free_convection.exponent", "1", 0.25, 0.1, 0.5, 0.1, "1/4 of laminar flow, 1/3 of turbulent flow", scan=(0.25, 1.0 / 3.0)),

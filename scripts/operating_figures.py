@@ -94,6 +94,7 @@ UNPLANTED = {
     "force_offset": "detectable on the small body from 1000 N on, and three times that is half of the load; coupon records do not know it",
     "radiation": f"{BEYOND}emissivity 12, bound 1",
     "free_convection": f"{BEYOND}17 W/(m^2 K) at 1 K, bound 10",
+    "film_by_height": "detectable on the small body from 0.2 W/(m^2 K mm) on; three times that is a film below nothing at one end",
     "capacity_by_temperature": f"{BEYOND}0.07 1/K, bound 0.02 1/K",
     "conductivity_by_temperature": f"{BEYOND}0.18 1/K, bound 0.02 1/K",
     "dic_scale": f"{BEYOND}0.55, bound 0.2",

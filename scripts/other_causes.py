@@ -215,7 +215,22 @@ CAUSES: dict[str, Cause] = {
     "film-by-height": Cause(
         "heat_source",
         "def heat_source(theta, accumulated, rate, time, x, y, amount):\n    return amount * (theta - 297.0) * np.tanh(y / 30.0)\n",
-        ("air_convection", "free_convection"),
+        ("film_by_height", "air_convection", "free_convection"),
+        HEAT,
+    ),
+    "film-of-a-plate": Cause(
+        "heat_source",
+        "def heat_source(theta, accumulated, rate, time, x, y, amount):\n"
+        "    return amount * (297.0 - theta) * (((y + 100.0) / 100.0) ** -0.25 - 1.0)\n",
+        ("film_by_height", "air_convection", "free_convection"),
+        HEAT,
+    ),
+    "draught-at-the-top": Cause(
+        "heat_source",
+        "def heat_source(theta, accumulated, rate, time, x, y, amount):\n"
+        "    on = 0.25 * (1.0 + np.tanh((time - 140.0) / 4.0)) * (1.0 + np.tanh((y - 12.0) / 4.0))\n"
+        "    return amount * (297.0 - theta) * on\n",
+        ("film_by_height", "air_convection", "lamp", "air_drift"),
         HEAT,
     ),
     "heat-by-rate": Cause(
@@ -273,6 +288,8 @@ RUNS: dict[str, dict[str, float]] = {
     "rate and jaws step": {"rate-by-arsinh": 5.0, "jaws-step": 1.2},
     "film-of-still-air": {"film-of-still-air": 0.002},
     "film-by-height": {"film-by-height": 0.002},
+    "film-of-a-plate": {"film-of-a-plate": 0.012},
+    "draught-at-the-top": {"draught-at-the-top": 0.006},
 }
 """What is planted in each run, and how much of it."""
 

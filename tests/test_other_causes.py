@@ -127,8 +127,8 @@ def test_a_film_of_the_listed_form_leaves_its_constant_part_to_alpha_air(study: 
     theta, air, amount = np.array([290.0, 297.05, 310.0]), np.full(3, 297.0), study.RUNS[run][run]
     beside, plain = (study.truth_beside(run, "aluminium", accepted)["alpha_air"] for accepted in (["free_convection"], ["lamp"]))
     assert plain == study.SPECIMENS["aluminium"]["truth"]["alpha_air"]
-    listed = effect("free_convection").act(theta, 0.0, air, 1e3 * amount, 0.25) + 1e-3 * (beside - plain) * (theta - air)
-    np.testing.assert_allclose(listed, planted.act(theta, 0.0, air, amount), rtol=1e-9)
+    listed = effect("free_convection").act(theta, 0.0, air, 0.0 * air, 1e3 * amount, 0.25) + 1e-3 * (beside - plain) * (theta - air)
+    np.testing.assert_allclose(listed, planted.act(theta, 0.0, air, 0.0 * air, amount), rtol=1e-9)
 
 
 @pytest.mark.parametrize(("accepted", "off"), [(["free_convection"], 0.0), ([], -9.0)])

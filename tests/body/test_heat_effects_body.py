@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 from small_bodies import ADIABATIC, NOMINAL, SPECIMEN, bar_mesh
 
 from thermofit.body.body import Body, tension_body, thermal_geometry
@@ -38,8 +38,8 @@ STIFF = ADIABATIC.replace(alpha_exp=0.0, theta_clamp=400.0, theta_air=290.0)
 """No films and no expansion: a body at 400 K that only effects cool or heat."""
 
 
-def bar(clamp: tuple[str, ...] = ("y0", "y1")) -> Body:
-    return tension_body(bar_mesh((1, 6, 1), (A, LENGTH, B), air=SIDES, clamp=clamp), symmetry=1.0)
+def bar(clamp: tuple[str, ...] = ("y0", "y1"), n_y: int = 6) -> Body:
+    return tension_body(bar_mesh((1, n_y, 1), (A, LENGTH, B), air=SIDES, clamp=clamp), symmetry=1.0)
 
 
 def resting(parameters: Parameters, times: np.ndarray, clamp: tuple[str, ...] = ("y0", "y1")) -> tuple[History, np.ndarray]:
@@ -80,6 +80,25 @@ def test_body_in_still_air_with_order_2() -> None:
     """c0 V dtheta/dt = -film |theta - theta_air|^n (theta - theta_air) A, far from the temperature of the air."""
     p = STIFF.replace(**{"free_convection.film": 3.0, "free_convection.exponent": 0.25})
     check_order_2(p, lambda t, x: -3e-3 * SKIN / (p["c0"] * VOLUME) * (x - 290.0) ** 1.25, 120.0, 0.02)
+
+
+def test_a_film_that_grows_along_the_load_cools_the_upper_half_and_warms_the_lower_one() -> None:
+    """Without conduction c0 V dtheta/dt = -slope y (theta - theta_air) A: no heat is lost in all, and for a short time
+
+    d/dt int y theta dy = -slope A / (c0 V) (theta_0 - theta_air) int y^2 dy, with an error of order 2 in the mesh."""
+    p, end, off = STIFF.replace(**{"kappa": 1e-9, "film_by_height.slope": 0.5}), 0.001, []
+    wanted = -0.5e-3 * SKIN / (p["c0"] * VOLUME) * 110.0 * LENGTH**3 / 12.0 * end
+    for n_y in (6, 12, 24):
+        body = bar(n_y=n_y)
+        history = march(body, p, Loading(np.array([0.0, end]), np.zeros(2)), np.array([0.0, end]), MarchSettings(coupling_tolerance=1e-10))
+        knots = np.linspace(0.0, LENGTH, n_y + 1)
+        theta = np.array([history.theta[-1][np.isclose(body.mesh.nodes[:, 1], y)].mean() - 400.0 for y in knots])
+        fine = np.linspace(0.0, LENGTH, 50 * n_y + 1)
+        assert theta[-1] < -1e-4 < 1e-4 < theta[0]
+        assert abs(trapezoid(np.interp(fine, knots, theta), fine)) < 1e-6, "of second order in time"
+        moment = trapezoid(np.interp(fine, knots, theta) * (fine - 0.5 * LENGTH), fine)
+        off.append(moment / wanted - 1.0)
+    assert abs(off[-1]) < 5e-3 and np.log2(np.array(off[:-1]) / off[1:]) == pytest.approx(2.0, abs=0.1)
 
 
 def test_radiating_body_whose_heat_capacity_changes_with_order_2() -> None:
@@ -228,6 +247,7 @@ ON = {
     **{"capacity_by_temperature.slope": 4e-3, "conductivity_by_temperature.slope": -6e-3},
     **{"initial_gradient.amplitude": 1.3, "initial_gradient.tilt": 0.6},
     **{"free_convection.film": 6.0, "free_convection.exponent": 0.3},
+    **{"film_by_height.slope": 0.2},
 }
 NAMES = tuple(name for name in ON)
 AMPLITUDES = tuple(p.name for e in effects(HEAT) for p in e.amplitudes)
@@ -347,7 +367,8 @@ def test_nothing_is_evaluated_while_all_are_off(monkeypatch: pytest.MonkeyPatch)
 
 
 USER = {
-    "surface_flux": ("time, surroundings, ", "theta", "a * (theta - surroundings) ** 2 * 1e-4", 9.0),
+    "surface_flux": ("time, surroundings, y, ", "theta", "a * (1.0 + 0.02 * y) * (theta - surroundings) ** 2 * 1e-4", 9.0),
+    "surface_flux of no place": ("time, surroundings, ", "theta", "a * (theta - surroundings) ** 2 * 1e-4", 9.0),
     "boundary_temperature": ("time, elapsed, ", "y", "a * np.sin(0.1 * elapsed) + 0.0 * y", 1.0),
     "heat_source": ("accumulated, rate, time, x, y, ", "theta", "a * np.exp(-((y / 10.0) ** 2)) * (theta - 290.0) * time / 60.0", 0.1),
     "capacity": ("theta_ref, ", "theta", "np.exp(a * (theta - theta_ref))", 3e-3),
@@ -361,6 +382,7 @@ def load_made_up(slot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
     monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
     rest, first, formula, probe = USER[slot]
+    slot = slot.partition(" ")[0]
     path, name = tmp_path / f"user_{slot}.py", f"user_{slot}.a"
     path.write_text(
         "import numpy as np\nfrom thermofit.core.parameters import Param\n"

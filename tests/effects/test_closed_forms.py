@@ -321,8 +321,15 @@ ROWS: dict[str, Row] = {
             ((a(1e4), a(1.0), -2e-5), (a(1e4), a(1.2))),
         ),
     ),
-    # sigma (400^4 - 300^4) = 5.670374419e-8 x 1.75e10 = 992.315523325 W/m^2 for a black body; half of it for a grey one, inwards if colder.
-    # x = 0.399, 0.198, 0.03 make the root 0.401, 0.202, 0.05; at 293.15 K nothing changes.
+    # 0.05 W/(m^2 K mm) over 40 mm: 2 W/(m^2 K) more at the top than in the middle, 2 less at the bottom.
+    "film_by_height": Row(
+        "surface_flux",
+        (
+            ((a(310.0, 310.0, 310.0), 5.0, a(300.0, 300.0, 300.0), a(-40.0, 0.0, 40.0), 0.05), a(-0.02, 0.0, 0.02)),
+            ((a(290.0), 90.0, a(300.0), a(20.0), -0.1), a(0.02)),
+        ),
+        on=("air",),
+    ),
     # Half of an exponent of a sum that is 16, 4096 or 0.01 K^2: 2, 4 and 0.1^(1/2) W/(m^2 K) per W/(m^2 K) at 1 K, inwards if colder.
     "free_convection": Row(
         "surface_flux",
@@ -333,6 +340,7 @@ ROWS: dict[str, Row] = {
         ),
         on=("air",),
     ),
+    # x = 0.399, 0.198, 0.03 make the root 0.401, 0.202, 0.05; at 293.15 K nothing changes.
     "modulus_by_temperature": Row(
         "elasticity",
         (
@@ -342,6 +350,7 @@ ROWS: dict[str, Row] = {
             ((390.15, NONE, 0.01), 0.08 / (1.0 + sqrt(1.0016))),
         ),
     ),
+    # sigma (400^4 - 300^4) = 5.670374419e-8 x 1.75e10 = 992.315523325 W/m^2 for a black body; half of it for a grey one, inwards if colder.
     "radiation": Row(
         "surface_flux",
         (((a(400.0), 5.0, a(300.0), 0.5), a(0.4961577616625)), ((a(300.0, 350.0), 5.0, a(400.0, 350.0), 1.0), a(-0.992315523325, 0.0))),

@@ -30,7 +30,7 @@ BUILT_IN = [e for e in effects(HEAT) if not e.name.startswith("user_")]
 X, Y, THETA = np.array([0.5, 1.0, 2.0]), np.array([-40.0, 3.0, 40.0]), np.array([290.0, 301.0, 345.0])
 ARGUMENTS = {
     "heat_source": (THETA, np.array([0.012, 0.02, 0.024]), np.array([1e-3, 2e-3, 0.0]), 40.0, X, Y),
-    "surface_flux": (THETA, 31.0, 297.0 + 0.0 * THETA),
+    "surface_flux": (THETA, 31.0, 297.0 + 0.0 * THETA, Y),
     "boundary_temperature": (Y, 40.0, 25.0),
     "capacity": (THETA, 296.0),
     "conductivity": (THETA, 296.0),
@@ -46,7 +46,7 @@ def probed(effect: Effect) -> list[float]:
 def test_catalogue_holds_them() -> None:
     assert {e.name for e in BUILT_IN} >= {
         *("radiation", "lamp", "clamp_drift", "clamp_step", "air_drift", "clamp_difference", "latent_heat"),
-        *("capacity_by_temperature", "conductivity_by_temperature", "initial_gradient", "free_convection"),
+        *("capacity_by_temperature", "conductivity_by_temperature", "initial_gradient", "free_convection", "film_by_height"),
     }
 
 

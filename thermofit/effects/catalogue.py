@@ -45,6 +45,8 @@ NO_EFFECTS = ("base", "catalogue", "curve", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 PLACE_AND_TIME = ("time", "x", "y")
 """Arguments before the Params of a heat source that depends on nothing else, in the stead of (theta, accumulated, rate, time, x, y)."""
+HEIGHT = "y"
+"""The fourth argument of a surface flux that depends on the place along the load, behind (theta, time, surroundings)."""
 ON_FACETS = ("surface_flux", "boundary_temperature")
 """Slots of effects that act on facet sets, which the module constant ON names."""
 FACET_KINDS = ("air", "clamp")
@@ -162,14 +164,19 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     span = float(getattr(module, "SPAN", 0.0))
     last = bool(getattr(module, "LAST", False))
     twin = getattr(module, "twin", None)
-    of_place = act if slot == "heat_source" and tuple(inspect.signature(act).parameters)[:3] == PLACE_AND_TIME else None
+    takes = tuple(inspect.signature(act).parameters) if slot in HEAT else ()
+    of_place = act if slot == "heat_source" and takes[:3] == PLACE_AND_TIME else None
+    if of_place is not None:
+        act = partial(_whatever_flows, of_place)
+    elif slot == "surface_flux" and takes[3:4] != (HEIGHT,):
+        act = partial(_at_any_height, act)
     return Effect(
         name,
         slot,
         tuple(params),
         module.FORMULA,
         module.SOURCE,
-        act if of_place is None else partial(_whatever_flows, of_place),
+        act,
         stored=stored,
         on=on,
         span=span,
@@ -182,6 +189,11 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
 def _whatever_flows(of_place: Callable[..., Any], theta: Any, accumulated: Any, rate: Any, *more: Any) -> Any:
     """A heat source of place and time, called as all of them are."""
     return of_place(*more)
+
+
+def _at_any_height(flux: Callable[..., Any], theta: Any, time: Any, surroundings: Any, y: Any, *numbers: Any) -> Any:
+    """A surface flux that is the same along the load, called as all of them are."""
+    return flux(theta, time, surroundings, *numbers)
 
 
 def load_effect(path: Path) -> Effect:

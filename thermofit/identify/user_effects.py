@@ -77,7 +77,7 @@ def trial_of(slot: str) -> SlotTrial:
     flat, across, along = warm.ravel(), x.ravel(), y.ravel()
     arguments: dict[str, tuple[tuple[Any, ...], tuple[int, ...], float]] = {
         "heat_source": ((warm, accumulated, rate, 31.7, x, y), (0, 1, 2), 0.0),
-        "surface_flux": ((flat, 31.7, np.full_like(flat, 297.0)), (0, 2), 0.0),
+        "surface_flux": ((flat, 31.7, np.full_like(flat, 297.0), along), (0, 2), 0.0),
         "boundary_temperature": ((along, 31.7, 25.0), (), 0.0),
         "axial_temperature": ((along, 400.0), (), 0.0),
         "capacity": ((flat, 297.0), (0, 1), 1.0),

@@ -1,6 +1,7 @@
 """Effects of the heat problem: what the files of the catalogue (slots of HEAT) add to a step of the heat equation.
 
-    surface_flux(theta, time, surroundings, *params)              outward flux, mW/mm^2 of current area, on the facet sets of ON
+    surface_flux(theta, time, surroundings, *params)              outward flux, mW/mm^2 of current area, on the facet sets of ON; where
+                                                                  it depends on the height surface_flux(theta, time, surroundings, y, *params)
     boundary_temperature(y, time, elapsed, *params)               change of the medium's temperature, K, on the facet sets of ON
     heat_source(theta, accumulated, rate, time, x, y, *params)    power, mW/mm^3 of reference volume; where it depends on place and
                                                                   time alone heat_source(time, x, y, *params)
@@ -75,9 +76,9 @@ class HeatEffects:
             raise NumericsError(f"{found[0].name}: the factor of slot {slot} falls to {out.real.min():.3g}; it must stay positive")
         return out
 
-    def flux(self, facets: str, theta: np.ndarray, time: float, surroundings: np.ndarray) -> np.ndarray:
+    def flux(self, facets: str, theta: np.ndarray, time: float, surroundings: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Outward flux of all effects on a facet set, mW/mm^2 (n_np,)."""
-        return np.asarray(sum(e.act(theta, time, surroundings, *e.numbers) for e in self.of("surface_flux", facets)))
+        return np.asarray(sum(e.act(theta, time, surroundings, y, *e.numbers) for e in self.of("surface_flux", facets)))
 
     def medium_change(self, facets: str, y: np.ndarray, time: float, first: float) -> np.ndarray:
         """Change of the temperature of the medium at a facet set, K (n_np,)."""
@@ -165,12 +166,12 @@ def mean_flux(effect: HeatEffects, facets: Facets, theta: np.ndarray, moment: Mo
     name, medium, y = facets
     flat = theta.reshape(-1)
     total, several, drifts = np.zeros_like(flat), len(flat) // len(y), bool(effect.of("boundary_temperature", name))
-    surroundings = np.full(len(flat), medium)
+    surroundings, height = np.full(len(flat), medium), np.tile(y, several)
     for weight, part in INSTANTS:
         time = moment.start + part * length
         if drifts:
             surroundings = np.tile(medium + effect.medium_change(name, y, time, moment.first), several)
-        total = total + weight * effect.flux(name, flat, time, surroundings)
+        total = total + weight * effect.flux(name, flat, time, surroundings, height)
     return total.reshape(theta.shape)
 
 

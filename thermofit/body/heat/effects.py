@@ -1,7 +1,8 @@
 """Effects of the heat problem: what the files of the catalogue (slots of HEAT) add to a step of the heat equation.
 
     surface_flux(theta, time, surroundings, *params)              outward flux, mW/mm^2 of current area, on the facet sets of ON; where
-                                                                  it depends on the height surface_flux(theta, time, surroundings, y, *params)
+                                                                  it depends on the height
+                                                                  surface_flux(theta, time, surroundings, y, *params)
     boundary_temperature(y, time, elapsed, *params)               change of the medium's temperature, K, on the facet sets of ON
     heat_source(theta, accumulated, rate, time, x, y, *params)    power, mW/mm^3 of reference volume; where it depends on place and
                                                                   time alone heat_source(time, x, y, *params)

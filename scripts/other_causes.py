@@ -230,7 +230,7 @@ CAUSES: dict[str, Cause] = {
         "def heat_source(theta, accumulated, rate, time, x, y, amount):\n"
         "    on = 0.25 * (1.0 + np.tanh((time - 140.0) / 4.0)) * (1.0 + np.tanh((y - 12.0) / 4.0))\n"
         "    return amount * (297.0 - theta) * on\n",
-        ("film_by_height", "air_convection", "lamp", "air_drift"),
+        ("local_source", "film_by_height", "air_convection", "lamp", "air_drift"),
         HEAT,
     ),
     "heat-by-rate": Cause(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -257,14 +257,18 @@ def test_refits_on_a_known_motion_end_where_what_is_left_is_not_worth_it(
     warm: Any = SimpleNamespace(comparisons=[SimpleNamespace(n=n)], one_way=True, residual=lambda _: np.array([np.sqrt(square)]))
     study: Any = SimpleNamespace(setting=lambda name: None)
     settings: Any = SimpleNamespace(tolerance=1e-4, method="least-squares", free=("c0",), model_copy=lambda update: settings)
-    parts: Any = SimpleNamespace(heat=lambda parameters: warm)
+    parts: Any = SimpleNamespace(mechanics=None, heat=lambda parameters: warm)
     job: Any = SimpleNamespace(path=Path("close-loop.h5"), stage="close-loop")
     fitting = JointFit(study, settings, warm, job, parts=parts)
     at = Parameters.of({"c0": 2.2}, ("c0",))
     heated = fitting.heated(at)
     assert heated is not None
     assert heated.minimised(at, "lamp on the known motion")["c0"] == 2.2
+    assert fitting.approached(at, "lamp")["c0"] == 2.2
     together: Any = SimpleNamespace(comparisons=warm.comparisons, one_way=False, cheap=False)
     fitting.minimised_on(at, together, "all together", 12)
-    assert asked == [*[WORTH] * starts, 0.0]
-    assert beaten == [np.inf, *[1.0] * (starts - 1), np.inf]
+    to_beat = [np.inf, *[1.0] * (starts - 1)]
+    assert asked == [*[WORTH] * 2 * starts, 0.0] and beaten == [*to_beat, *to_beat, np.inf]
+    asked.clear()
+    assert replace(fitting, both_starts=True).approached(at, "joint")["c0"] == 2.2
+    assert len(asked) == 2, "of the first fit of all both starts are asked, whatever the first one leaves"

@@ -139,7 +139,7 @@ def test_a_start_that_fails_is_counted_and_named(tmp_path: Path) -> None:
     parts = SimpleNamespace(mechanics=weak, heat=lambda _: cold, histories=lambda _: (history,))
     free = ("M_y0", "c0", "rate_logarithmic.reference")
     job = Job("close-loop", tmp_path / "close-loop.h5", {}, {})
-    joint = JointFit(case(), joint_settings(case(), free, data()), failing(lambda p: False), job, parts=parts)  # type: ignore[arg-type]
+    joint = JointFit(case(), joint_settings(case(), free, data()), failing(lambda p: False), job, parts=parts, both_starts=True)  # type: ignore[arg-type]
     found, _ = joint(start(free, c0=2.1, **{**RATE, "rate_logarithmic.C": 0.01}), "slope")
     assert found["c0"] == pytest.approx(2.0, abs=0.1)
     assert any(text.startswith("slope temperatures 1: the start failed (") for text in joint.failures)

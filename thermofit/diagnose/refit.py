@@ -66,8 +66,8 @@ WORTH = 100.0 * NEGLIGIBLE
 """Fall of the mean square below which the evaluations left are not made: the least that is worth an effect. Where an effect makes a long
 valley, a fit may crawl along it for as long as it is let."""
 IN_THE_VALLEY = 1.2
-"""Mean square of the temperatures over that of their noise at the end of a refit on a known motion, up to which no other start is tried.
-A wrong valley (a contact that conducts nothing) leaves many times the noise."""
+"""Mean square of the temperatures over that of their noise at the end of a fit of them alone, up to which no other start is tried, but for
+the first fit of all (`both_starts`). A wrong valley (a contact that conducts nothing) leaves many times the noise."""
 HALF = 0.5
 """Part of what a fit with exponents held where it began leaves beyond noise that the way of an unsettled one has to explain."""
 SETTLED = 0.5
@@ -205,8 +205,9 @@ class JointFit:
     """Refits on known motions that are done: the same one is not made twice, and `close-loop` takes over those of `diagnose`."""
 
     both_starts: bool = False
-    """Whether temperatures are fitted from the study's first values as well where the first fit begins at an optimum: that of the stages
-    held declared readings, and may have ended with a contact that conducts nothing, through which no reading of the jaws is felt."""
+    """Whether temperatures are fitted from the study's first values as well where the first fit begins at an optimum, or leaves little:
+    that of the stages held declared readings, and may have ended with a contact that conducts nothing, through which no reading of the jaws
+    is felt."""
     told: set[tuple[str, float]] = field(default_factory=set)
     """Exponents and the values at which a fit with them free has ended: from there they are not looked for again."""
 
@@ -253,7 +254,8 @@ class JointFit:
         """Parameters after a fit of the mechanical ones to the displacements and one of the thermal ones to the temperatures.
 
         The way from far off is long and bent in the thermal ones (conductivity against contact), where a heat run costs a tenth of a
-        coupled one. They start once from where they are and once from the study's first values; the better end is taken.
+        coupled one. They start once from where they are and, unless that leaves little more than the noise, once from the study's first
+        values; the better end is taken.
         """
         if self.parts is None:
             return start
@@ -265,7 +267,8 @@ class JointFit:
         model = self.parts.heat(start)
         if model is None or not thermal:
             return start
-        return self._warmed(start, model, label) or start
+        good = 0.0 if self.both_starts else IN_THE_VALLEY
+        return self._warmed(start, model, label, good=good) or start
 
     def heated(self, parameters: Parameters) -> HeatFit | None:
         """How the temperatures alone are fitted on the motion of given parameters; None where they are not compared."""

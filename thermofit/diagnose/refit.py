@@ -84,26 +84,27 @@ class Fitted:
     step: float
 
 
-def walked(at: Callable[[float], Fitted], value: float, name: str) -> Parameters:
-    """The parameters at the value of one exponent from which a fit with it free goes on: down the hill over its scan from the given value,
-    as long as the step of such a fit reaches beyond the next one. A value at which the model fails (f infinite) is passed over.
+def walked(at: Callable[[Parameters, float], Fitted], start: Parameters, name: str) -> Parameters:
+    """The parameters at the value of one exponent from which a fit with it free goes on: down the hill over its scan from that of the
+    start, as long as the step of such a fit reaches beyond the next one. A value at which the model fails (f infinite) is passed over.
+    `at` fits the others at a value, from parameters: the start, then where the fit at the value before has ended.
     """
     p = param(name)
     to, back = (np.log, np.exp) if p.logarithmic else (float, float)
-    here = float(to(value))
+    here = float(to(start[name]))
     near = 1e-3 * float(np.ptp([to(v) for v in p.scan]))
     grid = sorted({here, *(x for x in (float(to(v)) for v in p.scan) if abs(x - here) > near)})
     k = grid.index(here)
-    best = at(value)
+    best = at(start, start[name])
     for other in sorted((i for i in range(len(grid)) if i != k), key=lambda i: abs(grid[i] - here)):
         if np.isfinite(best.f):
             break
-        k, best = other, at(float(back(grid[other])))
+        k, best = other, at(start, float(back(grid[other])))
     while np.isfinite(best.f):
         beyond = k + (1 if best.step > 0.0 else -1)
         if not 0 <= beyond < len(grid) or abs(best.step) <= abs(grid[beyond] - grid[k]):
             break
-        there = at(float(back(grid[beyond])))
+        there = at(best.parameters, float(back(grid[beyond])))
         if not there.f < best.f:
             break
         k, best = beyond, there
@@ -366,11 +367,11 @@ class JointFit:
         for name in unknown:
             tried = 0
 
-            def at(value: float, name: str = name, start: Parameters = start) -> Fitted:
+            def at(near: Parameters, value: float, name: str = name) -> Fitted:
                 nonlocal tried
                 tried += 1
                 assert flow is not None
-                begin = as_strong(start, name, value, flow, self.study.slots).with_free(others)
+                begin = as_strong(near, name, value, flow, self.study.slots).with_free(others)
                 for turn, stronger in enumerate(STRONGER):
                     try:
                         there, fit = self.minimised_on(
@@ -382,7 +383,7 @@ class JointFit:
                     return Fitted(fit.f, there, self._wanted(model, there, fit, name))
                 return Fitted(float("inf"), begin, 0.0)
 
-            start = walked(at, start[name], name)
+            start = walked(at, start, name)
         worth = WORTH if exponents else 0.0
         return self.minimised_on(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE, worth)[0]
 

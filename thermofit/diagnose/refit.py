@@ -66,8 +66,8 @@ WORTH = 100.0 * NEGLIGIBLE
 """Fall of the mean square below which the evaluations left are not made: the least that is worth an effect. Where an effect makes a long
 valley, a fit may crawl along it for as long as it is let."""
 IN_THE_VALLEY = 1.2
-"""Mean square of the temperatures over that of their noise at the end of a fit of them alone, up to which no other start is tried. The first
-fit of all tries both (`both_starts`). A wrong valley (a contact that conducts nothing) leaves many times the noise."""
+"""Mean square of the temperatures over that of their noise at the end of a fit of them alone, up to which no other start is tried. The
+first fit of all tries both (`both_starts`). A wrong valley (a contact that conducts nothing) leaves many times the noise."""
 HALF = 0.5
 """Part of what a fit with exponents held where it began leaves beyond noise that the way of an unsettled one has to explain."""
 SETTLED = 0.5

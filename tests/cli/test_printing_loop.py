@@ -83,6 +83,26 @@ def test_something_unlisted_without_a_place_says_over_which_state_and_beside_wha
         assert unlisted_words({**said, "excess_share": share}).startswith(f"{shown} of the misfit")
 
 
+@pytest.mark.parametrize(
+    ("explains", "resembles", "words"),
+    [
+        (0.78, ["dic_tilt"], "and dic_tilt, which would explain 78 % of it, only resembles it"),
+        (0.5, [], "and dic_tilt, which would explain 50 % of it, was not accepted"),
+        (0.49, ["dic_tilt"], "and no effect of the catalogue explains half of it"),
+    ],
+)
+def test_what_is_unlisted_does_not_say_that_nothing_listed_explains_it_where_something_would(
+    explains: float, resembles: list[str], words: str
+) -> None:
+    """In the verdict and in the report; a tilt that was taken back takes most of it."""
+    best = {"effect": "dic_tilt", "explains": explains, "needed": 0.5}
+    said = {"channel": "du", "where": None, "best_listed": best, "resembles": resembles, "beside": [], "excess_share": 0.2}
+    said = {**said, "over_state": None}
+    placed = {"kind": "displacement", "where": {"image": "all"}, "when_s": [0.0, 1.0], "amount": {"value": 1.0, "sigma": 0.1, "unit": "mm"}}
+    for at in (said, {**said, **placed}):
+        assert all(words.removeprefix("and ") in told for told in (in_words(at), unlisted_words(at)))
+
+
 @pytest.mark.parametrize("failed", ["", "no run there"])
 @pytest.mark.parametrize("offset", [0.0, 0.7])
 def test_parameters_beside_an_unlisted_heat_stand_beside_those_of_the_joint_fit(failed: str, offset: float) -> None:

@@ -179,7 +179,7 @@ def in_words(said: dict[str, Any]) -> str:
     """An unlisted effect in one clause."""
     part = f"{number(100.0 * said['excess_share'])} %"
     beside = f" beside {' and '.join(said['beside'])}" if said["beside"] else ""
-    share = f"{part} of the misfit of {said['channel']}{beside} is systematic, and no effect of the catalogue explains half of it"
+    share = f"{part} of the misfit of {said['channel']}{beside} is systematic, and {of_the_catalogue(said)}"
     if said["where"] is None:
         law = said["over_state"]
         return share if law is None else f"a yield stress over {law['variable']}, up to {number(law['largest_MPa'])} MPa ({share})"
@@ -187,6 +187,15 @@ def in_words(said: dict[str, Any]) -> str:
     size = amount_in_words(said)
     steps = f", in steps of {steps_in_words(said)}" if said.get("steps") else ""
     return f"{with_article(said['kind'])} of {size} {place_in_words(said['where'])} from {a:.4g} to {b:.4g} s{steps} ({share})"
+
+
+def of_the_catalogue(said: Mapping[str, Any]) -> str:
+    """What the catalogue has for an unlisted effect, in words: of a listed one that would explain half of it, that it is not it."""
+    best = said.get("best_listed")
+    if best is None or best["explains"] < best["needed"]:
+        return "no effect of the catalogue explains half of it"
+    why = "only resembles it" if best["effect"] in said.get("resembles", ()) else "was not accepted"
+    return f"{best['effect']}, which would explain {number(100.0 * best['explains'])} % of it, {why}"
 
 
 def amount_in_words(said: Mapping[str, Any]) -> str:

@@ -31,7 +31,7 @@ from thermofit.report.html.content import (
 )
 from thermofit.report.html.run_folder import IDENTIFY, NEEDED, REFINE, RunFolder
 from thermofit.report.local_words import steps_in_words, with_article
-from thermofit.report.unlisted import place_in_words
+from thermofit.report.unlisted import of_the_catalogue, place_in_words
 from thermofit.study.section import recorded_mesh
 from thermofit.study.study import Study
 
@@ -221,14 +221,14 @@ def unlisted_words(said: Mapping[str, Any]) -> str:
     where, when = said.get("where"), said.get("when_s")
     share = f"{100 * float(said.get('excess_share') or 0.0):.3g} % of the misfit of the {channel_words(str(said.get('channel')))}"
     if where is None or when is None:
-        return f"{share} is systematic, and no effect of the catalogue explains half of it"
+        return f"{share} is systematic, and {of_the_catalogue(said)}"
     # Artefacts of earlier versions hold no standard error of it.
     amount = said.get("amount") or {"value": said.get("mean_in_window") or 0.0, "sigma": None, "unit": said.get("unit")}
     doubt = "" if amount["sigma"] is None else f" +- {amount['sigma']:.1g}"
     size = f"{amount['value']:.3g}{doubt} {amount['unit']}"
     what = f"{with_article(str(said.get('kind')))} of {size} {place_in_words(where)} from {when[0]:.4g} to {when[1]:.4g} s"
     steps = f", in steps of {steps_in_words(said)}" if said.get("steps") else ""
-    return f"{what}{steps} that no listed effect explains ({share})"
+    return f"{what}{steps} ({share}; {of_the_catalogue(said)})"
 
 
 # Errors.

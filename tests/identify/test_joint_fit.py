@@ -87,10 +87,12 @@ def test_the_motion_is_that_of_the_displacements_alone(tmp_path: Path, monkeypat
     assert fit_of(tmp_path / "whole", BASIC, by_parts=False).moved(begin) is begin
 
 
-def test_an_exponent_is_looked_for_before_all_are_fitted(tmp_path: Path) -> None:
-    """From a reference rate two decades off the search over its scan comes to the planted one, and the amplitude with it."""
+@pytest.mark.parametrize(("amplitude", "reference"), [(0.01, 1e-5), (0.002, 1e-6)])
+def test_an_exponent_is_looked_for_before_all_are_fitted(tmp_path: Path, amplitude: float, reference: float) -> None:
+    """From a reference rate two or three decades off the search over its scan comes to the planted one, and the amplitude with it. A fit
+    at its next value that began where the one before has ended would stop there: the search ended at 1e-6."""
     free = (*BASIC, *RATE)
-    begin = start(free, **{"rate_logarithmic.C": 0.01, "rate_logarithmic.reference": 1e-5})
+    begin = start(free, **{"rate_logarithmic.C": amplitude, "rate_logarithmic.reference": reference})
     joint = fit_of(tmp_path, free)
     found, fit = joint(begin, f"rate_logarithmic reference{EXPONENTS}", exponents=True)
     folders = [p.name for p in tmp_path.glob(".close-loop*")]
@@ -139,7 +141,7 @@ def test_a_start_that_fails_is_counted_and_named(tmp_path: Path) -> None:
     parts = SimpleNamespace(mechanics=weak, heat=lambda _: cold, histories=lambda _: (history,))
     free = ("M_y0", "c0", "rate_logarithmic.reference")
     job = Job("close-loop", tmp_path / "close-loop.h5", {}, {})
-    joint = JointFit(case(), joint_settings(case(), free, data()), failing(lambda p: False), job, parts=parts, both_starts=True)  # type: ignore[arg-type]
+    joint = JointFit(case(), joint_settings(case(), free, data()), failing(lambda p: False), job, parts=parts)  # type: ignore[arg-type]
     found, _ = joint(start(free, c0=2.1, **{**RATE, "rate_logarithmic.C": 0.01}), "slope")
     assert found["c0"] == pytest.approx(2.0, abs=0.1)
     assert any(text.startswith("slope temperatures 1: the start failed (") for text in joint.failures)

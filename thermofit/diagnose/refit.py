@@ -66,8 +66,8 @@ WORTH = 100.0 * NEGLIGIBLE
 """Fall of the mean square below which the evaluations left are not made: the least that is worth an effect. Where an effect makes a long
 valley, a fit may crawl along it for as long as it is let."""
 IN_THE_VALLEY = 1.2
-"""Mean square of the temperatures over that of their noise at the end of a fit of them alone, up to which no other start is tried. The
-first fit of all tries both (`both_starts`). A wrong valley (a contact that conducts nothing) leaves many times the noise."""
+"""Mean square of the temperatures over that of their noise at the end of a refit on a known motion, up to which no other start is tried.
+A wrong valley (a contact that conducts nothing) leaves many times the noise."""
 HALF = 0.5
 """Part of what a fit with exponents held where it began leaves beyond noise that the way of an unsettled one has to explain."""
 SETTLED = 0.5
@@ -84,27 +84,26 @@ class Fitted:
     step: float
 
 
-def walked(at: Callable[[Parameters, float], Fitted], start: Parameters, name: str) -> Parameters:
-    """The parameters at the value of one exponent from which a fit with it free goes on: down the hill over its scan from that of the
-    start, as long as the step of such a fit reaches beyond the next one. A value at which the model fails (f infinite) is passed over.
-    `at` fits the others at a value, from parameters: the start, then where the fit at the value before has ended.
+def walked(at: Callable[[float], Fitted], value: float, name: str) -> Parameters:
+    """The parameters at the value of one exponent from which a fit with it free goes on: down the hill over its scan from the given value,
+    as long as the step of such a fit reaches beyond the next one. A value at which the model fails (f infinite) is passed over.
     """
     p = param(name)
     to, back = (np.log, np.exp) if p.logarithmic else (float, float)
-    here = float(to(start[name]))
+    here = float(to(value))
     near = 1e-3 * float(np.ptp([to(v) for v in p.scan]))
     grid = sorted({here, *(x for x in (float(to(v)) for v in p.scan) if abs(x - here) > near)})
     k = grid.index(here)
-    best = at(start, start[name])
+    best = at(value)
     for other in sorted((i for i in range(len(grid)) if i != k), key=lambda i: abs(grid[i] - here)):
         if np.isfinite(best.f):
             break
-        k, best = other, at(start, float(back(grid[other])))
+        k, best = other, at(float(back(grid[other])))
     while np.isfinite(best.f):
         beyond = k + (1 if best.step > 0.0 else -1)
         if not 0 <= beyond < len(grid) or abs(best.step) <= abs(grid[beyond] - grid[k]):
             break
-        there = at(best.parameters, float(back(grid[beyond])))
+        there = at(float(back(grid[beyond])))
         if not there.f < best.f:
             break
         k, best = beyond, there
@@ -206,9 +205,8 @@ class JointFit:
     """Refits on known motions that are done: the same one is not made twice, and `close-loop` takes over those of `diagnose`."""
 
     both_starts: bool = False
-    """Whether temperatures are fitted from the study's first values as well where the first fit begins at an optimum, or leaves little:
-    that of the stages held declared readings, and may have ended with a contact that conducts nothing, through which no reading of the jaws
-    is felt."""
+    """Whether temperatures are fitted from the study's first values as well where the first fit begins at an optimum: that of the stages
+    held declared readings, and may have ended with a contact that conducts nothing, through which no reading of the jaws is felt."""
     told: set[tuple[str, float]] = field(default_factory=set)
     """Exponents and the values at which a fit with them free has ended: from there they are not looked for again."""
 
@@ -255,8 +253,7 @@ class JointFit:
         """Parameters after a fit of the mechanical ones to the displacements and one of the thermal ones to the temperatures.
 
         The way from far off is long and bent in the thermal ones (conductivity against contact), where a heat run costs a tenth of a
-        coupled one. They start once from where they are and, unless that leaves little more than the noise, once from the study's first
-        values; the better end is taken.
+        coupled one. They start once from where they are and once from the study's first values; the better end is taken.
         """
         if self.parts is None:
             return start
@@ -268,8 +265,7 @@ class JointFit:
         model = self.parts.heat(start)
         if model is None or not thermal:
             return start
-        good = 0.0 if self.both_starts else IN_THE_VALLEY
-        return self._warmed(start, model, label, good=good) or start
+        return self._warmed(start, model, label) or start
 
     def heated(self, parameters: Parameters) -> HeatFit | None:
         """How the temperatures alone are fitted on the motion of given parameters; None where they are not compared."""
@@ -367,11 +363,12 @@ class JointFit:
         for name in unknown:
             tried = 0
 
-            def at(near: Parameters, value: float, name: str = name) -> Fitted:
+            def at(value: float, name: str = name, start: Parameters = start) -> Fitted:
                 nonlocal tried
                 tried += 1
                 assert flow is not None
-                begin = as_strong(near, name, value, flow, self.study.slots).with_free(others)
+                # Not from where the fit at the value before has ended: one that is this coarse stops there, and the search with it.
+                begin = as_strong(start, name, value, flow, self.study.slots).with_free(others)
                 for turn, stronger in enumerate(STRONGER):
                     try:
                         there, fit = self.minimised_on(
@@ -383,7 +380,7 @@ class JointFit:
                     return Fitted(fit.f, there, self._wanted(model, there, fit, name))
                 return Fitted(float("inf"), begin, 0.0)
 
-            start = walked(at, start, name)
+            start = walked(at, start[name], name)
         worth = WORTH if exponents else 0.0
         return self.minimised_on(start.with_free(mechanical), model, f"{label} displacements", PART_EVALUATIONS, NEGLIGIBLE, worth)[0]
 

@@ -78,7 +78,7 @@ class HeatEffects:
         return out
 
     def flux(self, facets: str, theta: np.ndarray, time: float, surroundings: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Outward flux of all effects on a facet set, mW/mm^2 (n_np,)."""
+        """Outward flux of all effects on a facet set at nodes y mm (n_np,) from the middle, mW/mm^2 (n_np,)."""
         return np.asarray(sum(e.act(theta, time, surroundings, y, *e.numbers) for e in self.of("surface_flux", facets)))
 
     def medium_change(self, facets: str, y: np.ndarray, time: float, first: float) -> np.ndarray:

@@ -12,16 +12,17 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import operating_page
+from operating_draw import directions, secondary, smallest
 from operating_page import OF_TIMES
-from operating_run import run_one, sources
+from operating_run import TESTS, run_one, sources
 
-from thermofit.effects.catalogue import effects
+from thermofit.effects.catalogue import effect, effects
 from thermofit.records.executor import Executor, Task, run_all
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -172,6 +173,20 @@ def make(runs: list[dict[str, Any]], done: dict[str, dict[str, Any]], kept: Path
     run_all(tasks, Executor(jobs), keep)
 
 
+def smallest_amplitudes(driver: str, names: Sequence[str], seed: int) -> Iterator[str]:
+    """For every test of a seed and every effect that it knows, a line: the smallest amplitude that it can detect, and the bounds."""
+    for world in TESTS[driver].candidates(seed):
+        here = TESTS[driver].at_truth(world)
+        for name in names:
+            if name not in here.problem.dormant:
+                yield f"{world.programme}: {name} is not known to this test"
+                continue
+            one = effect(name)
+            (block,) = directions(here, one, [secondary(one, here.case, world.random("secondary"))])
+            p = one.amplitude
+            yield f"{world.programme}: {p.name} from {smallest(here, name, block):.3g} {p.unit} on, bounds {p.lower:g} to {p.upper:g}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="only write the page from the kept rows")
@@ -182,7 +197,18 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="first seed of the runs, for fresh ones beside those that are kept; needs --driver")
     parser.add_argument("--jobs", type=int, default=2, help="processes side by side (2)")
     parser.add_argument("--at-most", type=int, help="make no more than so many runs in this call")
+    parser.add_argument(
+        "--smallest", nargs="+", metavar="EFFECT", help="only print the smallest amplitudes that its tests detect; needs --driver"
+    )
     chosen = parser.parse_args()
+    if chosen.smallest:
+        if chosen.driver is None or set(chosen.smallest) - {e.name for e in effects()}:
+            parser.error("--smallest needs --driver and effects of the catalogue")
+        for line in smallest_amplitudes(
+            chosen.driver, chosen.smallest, DRIVERS[chosen.driver].seed if chosen.seed is None else chosen.seed
+        ):
+            print(line, flush=True)
+        return
     if chosen.seed is not None and chosen.driver is None:
         parser.error("--seed needs --driver: seeds of drivers must not overlap")
     chosen.docs.mkdir(parents=True, exist_ok=True)

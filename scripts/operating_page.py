@@ -363,7 +363,12 @@ def confusion(runs: Sequence[Run]) -> tuple[list[str], list[str], np.ndarray]:
 
 def never_planted(unplanted: Mapping[str, str]) -> list[str]:
     """Effects of the catalogue that no run plants, those of one reason together."""
-    lines = ["## Never planted", "", "Of these effects no run says how often they are found.", ""]
+    lines = [
+        "## Never planted",
+        "",
+        "Of these effects no run says how often they are found. From which amplitude on a test detects them is printed by",
+    ]
+    lines += ["`scripts/operating_figures.py --driver body --smallest EFFECT`, with `--seed 200777` as below.", ""]
     lines += ["| effects | why |", "|---|---|"]
     for reason in dict.fromkeys(unplanted.values()):
         lines.append(f"| {', '.join(name for name, why in unplanted.items() if why == reason)} | {reason} |")

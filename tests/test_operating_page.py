@@ -248,3 +248,30 @@ def test_world_follows_from_its_seed(draw: Any) -> None:
     assert found[3] == draw.worlds(3, names, ("stress",)) and {w[0].programme for w in found} == set(names)
     assert all(0.5 <= w[0].noise <= 2.0 for w in found)
     assert 0.15 < np.mean([w[0].declared["stress"] != 1.0 for w in found]) < 0.55
+
+
+def test_smallest_amplitudes_are_those_that_are_planted(
+    figures: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The unit of a run at one times the smallest amplitude is what `--smallest` prints for its test, and for every effect asked."""
+    run = importlib.import_module("operating_run")
+    tests, name, seed = run.TESTS["point"], "linear_hardening", 7
+    world = tests.candidates(seed)[0]
+    unit = run.planted_in(tests.at_truth(world), [name], 1.0, world.random("secondary"), False).units[name]
+    monkeypatch.setattr(
+        "sys.argv", ["operating_figures.py", "--driver", "point", "--seed", str(seed), "--smallest", name, "film_by_height"]
+    )
+    figures.main()
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"{world.programme}: H_lin from {unit:.3g} MPa on, bounds 0 to 100000"
+    assert lines[1] == f"{world.programme}: film_by_height is not known to this test" and len(lines) == 2 * len(tests.candidates(seed))
+
+
+def test_smallest_amplitudes_need_a_driver_and_known_effects(
+    figures: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in (["--smallest", "lamp"], ["--driver", "body", "--smallest", "lamp", "lampe"]):
+        monkeypatch.setattr("sys.argv", ["operating_figures.py", *words])
+        with pytest.raises(SystemExit):
+            figures.main()
+        assert "effects of the catalogue" in capsys.readouterr().err

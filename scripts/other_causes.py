@@ -294,7 +294,7 @@ RUNS: dict[str, dict[str, float]] = {
 """What is planted in each run, and how much of it."""
 
 
-def programme(largest: float) -> list[dict[str, float]]:
+def pulled_twice(largest: float) -> list[dict[str, float]]:
     """Rest, loading at two rates with a part of an unloading between, unloading, cooling; `largest` displacement of the crosshead in mm,
     below that of the largest force."""
     rate = 0.14 * largest / 19.0
@@ -306,6 +306,21 @@ def programme(largest: float) -> list[dict[str, float]]:
         {"crosshead_to": largest, "rate": rate},
         {"force_to": 0.0, "rate": -rate},
         {"hold_force_until": 400.0},
+    ]
+
+
+def with_a_stop(largest: float) -> list[dict[str, float]]:
+    """Rest, loading with a stop of 25 s and at two rates, a part of an unloading, loading on, unloading, cooling; sooner over."""
+    rate = largest / 90.0
+    return [
+        {"hold": 5.0},
+        {"crosshead_to": 0.3 * largest, "rate": rate},
+        {"hold": 25.0},
+        {"crosshead_to": 0.6 * largest, "rate": 0.4 * rate},
+        {"force_to": 600.0, "rate": -rate},
+        {"crosshead_to": largest, "rate": rate},
+        {"force_to": 0.0, "rate": -rate},
+        {"hold_force_until": 300.0},
     ]
 
 
@@ -324,7 +339,7 @@ SPECIMENS: dict[str, dict[str, Any]] = {
             },
         },
         "specimen": {},
-        "largest": 19.0,
+        "programme": pulled_twice(19.0),
         "mesh": {"n_x": 4, "n_y": 28, "n_z": 1},
         "of_truth": {"n_x": 10, "n_y": 76, "n_z": 3},
     },
@@ -334,7 +349,17 @@ SPECIMENS: dict[str, dict[str, Any]] = {
             **{"kappa": 52.0, "c0": 3.62, "beta": 0.88, "alpha_air": 9.5, "alpha_clamp": 340.0, "theta_air": 296.1, "theta_clamp": 296.9},
         },
         "specimen": {"gauge_width": 20.0, "thickness": 1.5, "parallel_length": 80.0, "shoulder_radius": 20.0, "grip_width": 30.0},
-        "largest": 13.0,
+        "programme": pulled_twice(13.0),
+        "mesh": {"n_x": 4, "n_y": 28, "n_z": 1},
+        "of_truth": {"n_x": 10, "n_y": 76, "n_z": 3},
+    },
+    "copper": {
+        "truth": {
+            **{"E": 118000.0, "nu": 0.345, "M_y0": 82.0, "M_yinf": 205.0, "H_exp": 16.0, "F": 0.41, "alpha_exp": 16.8e-6},
+            **{"kappa": 320.0, "c0": 3.44, "beta": 0.83, "alpha_air": 11.0, "alpha_clamp": 520.0, "theta_air": 295.2, "theta_clamp": 296.4},
+        },
+        "specimen": {"gauge_width": 12.0, "thickness": 2.0, "parallel_length": 60.0, "shoulder_radius": 15.0, "grip_width": 20.0},
+        "programme": with_a_stop(9.0),
         "mesh": {"n_x": 4, "n_y": 28, "n_z": 1},
         "of_truth": {"n_x": 10, "n_y": 76, "n_z": 3},
     },
@@ -399,7 +424,7 @@ def tried(name: str, specimen: str, seed: int, keep: Path | None) -> dict[str, A
             "seed": seed,
             "mesh": made["of_truth"],
             "truth": {**made["truth"], **amounts},
-            "programme": programme(made["largest"]),
+            "programme": made["programme"],
             "dic": {"stages": 60},
             "ir": {"frames": 70},
             "max_time_step": 0.5,  # a specimen has no steps, and fits are corrected for theirs

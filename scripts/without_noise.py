@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from other_causes import BASE, SPECIMENS, command, programme
+from other_causes import BASE, SPECIMENS, command
 
 import thermofit
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
@@ -49,7 +49,7 @@ def told(
     made = SPECIMENS[specimen]
     seen = QUIET if seed is None else {"seed": seed, **{name: {n: QUIET[name][n]} for name, n in (("dic", "stages"), ("ir", "frames"))}}
     simulated = {
-        **{"mesh": mesh_of_truth, "truth": made["truth"], "programme": programme(made["largest"]), "max_time_step": steps, **seen},
+        **{"mesh": mesh_of_truth, "truth": made["truth"], "programme": made["programme"], "max_time_step": steps, **seen},
         **({"specimen": made["specimen"]} if made["specimen"] else {}),
     }
     with tempfile.TemporaryDirectory() as passing:

@@ -27,7 +27,7 @@ def test_every_cause_is_an_effect_file_that_loads(study: Any, tmp_path: Path) ->
         path = tmp_path / f"{name.replace('-', '_')}_planted.py"
         path.write_text(study.effect_file(name, cause), encoding="utf-8")
         load_effect(path)
-    assert len(study.RUNS) >= 24 and len(study.SPECIMENS) == 2
+    assert len(study.RUNS) >= 24 and len(study.SPECIMENS) == 3
     assert {cause for run in study.RUNS.values() for cause in run} == set(study.CAUSES)
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from virtual_pulls import SIZE, TIME, TRUTH, data, study
 
-from thermofit.core.parameters import Parameters
+from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.body_check import verification
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.fields import LoadSteps, Measured
@@ -57,6 +60,33 @@ def test_modes_are_what_a_force_that_errs_makes(mode: int) -> None:
         clear = np.abs(here.model.observations[name].time - 30.0) > 0.6
         made, told = (wrong[name] - right[name])[clear] / 0.5, found[name].turned[0, 0] * found[name].fields[clear, ..., 0]
         assert np.linalg.norm(told - made) < near * np.linalg.norm(made), (name, np.linalg.norm(told - made) / np.linalg.norm(made))
+
+
+@pytest.mark.parametrize("carries", [True, False])
+def test_modes_are_asked_on_one_layer(carries: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over half the thickness, where they do what they do on two layers; on these where one layer does not carry the force."""
+    two, asked, whole = replace(joint(COURSE), size=SIZE.with_counts({"n_z": 2})), [], Joint.prediction.func  # type: ignore[attr-defined]
+    expected = two.prediction.linearise(PARAMETERS, load_modes(MODES.shape[1]))[1]
+
+    def watched(own: Joint) -> SimpleNamespace:
+        def linearise(parameters: Parameters, names: tuple[str, ...]):  # type: ignore[no-untyped-def]
+            asked.append(own.size.n_z)
+            if own.size.n_z == 1 and not carries:
+                raise NumericsError("not carried")
+            return whole(own).linearise(parameters, names)
+
+        return SimpleNamespace(linearise=linearise)
+
+    monkeypatch.setattr(Joint, "prediction", property(watched))
+    found = with_force_error(replace(two), PARAMETERS).force_error
+    assert found is not None and asked == ([1] if carries else [1, 2])
+    for name, modes in found.items():
+        told, near = modes.fields @ modes.turned.T, 5e-3 if carries else 1e-3
+        assert np.linalg.norm(told - expected[name]) < near * np.linalg.norm(expected[name]), name
+    asked.clear()
+    with pytest.raises(NumericsError) if not carries else nullcontext():
+        with_force_error(joint(COURSE), PARAMETERS)
+    assert asked == [1], "of one layer nothing is asked twice"
 
 
 def test_the_residual_is_whitened_against_the_force() -> None:

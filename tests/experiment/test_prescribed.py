@@ -12,7 +12,7 @@ from virtual_pulls import SIZE, SPECIMEN, TRUTH, data, study
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.body import BodyExperiment
-from thermofit.experiment.discretisation import finer_mesh, left_by, on_mesh_ratio
+from thermofit.experiment.discretisation import finer_mesh, left_by
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.joint import Joint, coarse_mesh, joint_settings
 from thermofit.experiment.prescribed import (
@@ -149,9 +149,7 @@ def test_a_stage_tells_what_it_takes_for_exact() -> None:
     model = experiment.model(settings, PARAMETERS.with_free(settings.free), case.mesh_size)
     size, finer = coarse_mesh(case), finer_mesh(coarse_mesh(case))
     coarse, fine = (experiment.model(settings, PARAMETERS.with_free(settings.free), m).residual(PARAMETERS) for m in (size, finer))
-    assert on_mesh_ratio(size, case.mesh_size) == 1.0 and np.allclose(
-        told.causes["mesh"][:, 0], (coarse - fine) / (1.0 - left_by(size, finer))
-    )
+    assert left_by(size, case.mesh_size) == 1.0 and np.allclose(told.causes["mesh"][:, 0], (coarse - fine) / (1.0 - left_by(size, finer)))
     step = 50.0
     there = model.residual(PARAMETERS.replace(E=TRUTH["E"] + step)) - model.residual(PARAMETERS.replace(E=TRUTH["E"] - step))
     assert np.allclose(told.slopes[:, 0], there / (2.0 * step), atol=2e-3 * np.abs(there).max() / step)

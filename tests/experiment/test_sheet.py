@@ -27,7 +27,6 @@ from thermofit.experiment.discretisation import (
     left_by,
     numerical_errors,
     on_mesh,
-    on_mesh_ratio,
 )
 from thermofit.experiment.fields import Measured
 from thermofit.experiment.forward import march_settings, run_of
@@ -146,10 +145,8 @@ def test_meshes_made_from_a_sheet_are_sheets() -> None:
     big, body = SheetSize(n_x=12, n_y=80), PRESETS["full"]
     assert finer_mesh(big) == SheetSize(n_x=18, n_y=120) and coarser_mesh(big) == SheetSize(n_x=8, n_y=52)
     assert spacing(SheetSize(n_x=24, n_y=160)) == pytest.approx(0.5 * spacing(big))
-    assert (
-        on_mesh_ratio(SheetSize(n_x=6, n_y=40), big) == pytest.approx(0.25) == pytest.approx(on_mesh_ratio(SheetSize(n_x=6, n_y=40), body))
-    )
-    assert on_mesh_ratio(PRESETS["coarse"], body) == pytest.approx(0.25)
+    assert left_by(SheetSize(n_x=6, n_y=40), big) == pytest.approx(0.25) == pytest.approx(left_by(SheetSize(n_x=6, n_y=40), body))
+    assert left_by(PRESETS["coarse"], body) == pytest.approx(0.25)
     case = study().model_copy(update={"mesh": "sheet"})
     assert coarse_mesh(case) == diagnosis_mesh(case) == big.coarse == SheetSize(n_x=6, n_y=40)
     fields = {MESH: {"u": np.ones(1)}, STEPS: {"u": np.full(1, 10.0)}, SHEET: {"u": np.full(1, 160.0)}, WITHIN: {"u": np.full(1, 1e3)}}

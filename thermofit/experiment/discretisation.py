@@ -132,9 +132,9 @@ def telling_mesh(study: Study, specimen: Specimen, size: MeshSize) -> MeshSize:
         finer = finer.with_counts({**finer.counts, "n_y": finer.n_y + 2})
 
 
-def left_by(size: MeshSize, finer: MeshSize) -> float:
-    """Error of the finer mesh over that of the first, h^2 of their elements in the plane."""
-    return (size.n_x * size.n_y) / (finer.n_x * finer.n_y)
+def left_by(size: MeshSize, other: MeshSize) -> float:
+    """Error of another mesh over that of the first, h^2 of their elements in the plane."""
+    return (size.n_x * size.n_y) / (other.n_x * other.n_y)
 
 
 def numerical_errors(
@@ -227,13 +227,6 @@ def _left(told: Parts, shares: Mapping[str, float]) -> Parts:
     return {part: REMAINS * shares[part] * rows for part, rows in told.items()}
 
 
-def on_mesh_ratio(size: MeshSize, other: MeshSize) -> float:
-    """Error of the other mesh over that of the first, h^2 of their elements; in the plane where one of them is a sheet."""
-    axes = [axis for axis in size.counts if axis in other.counts]
-    share = np.prod([size.counts[axis] / other.counts[axis] for axis in axes])
-    return float(share ** (2.0 / len(axes)))
-
-
 def sheet_on_mesh(other: MeshSize) -> float:
     """Error of the layers of another mesh over that of the one layer of a sheet: h^2 through the thickness."""
     return float(other.n_z) ** -2
@@ -242,8 +235,8 @@ def sheet_on_mesh(other: MeshSize) -> float:
 def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Errors:
     """Errors of fields by cause, told on a mesh, as they are on another one together: that of the mesh goes with h^2, and the arcs of its
     elements stay with it."""
-    same = size.body == other.body  # the elements of the face
-    scales = {MESH: on_mesh_ratio(size, other), WITHIN: 1.0 if same else 0.0, SHEET: sheet_on_mesh(other)}
+    same = (size.n_x, size.n_y) == (other.n_x, other.n_y)  # the elements of the face
+    scales = {MESH: left_by(size, other), WITHIN: 1.0 if same else 0.0, SHEET: sheet_on_mesh(other)}
     scales = {cause: scales.get(cause, 1.0) for cause in fields}
     return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
 

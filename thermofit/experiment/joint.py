@@ -58,10 +58,13 @@ def joint_free(study: Study, data: Sequence[Measured]) -> tuple[str, ...]:
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:
-    """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset."""
+    """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset, and of that one
+    layer of elements over half the thickness. What a second one adds is a hundredth of what elements in the plane leave, whose error the
+    joint model knows (`scripts/layers.py`)."""
     if study.diagnosis.mesh is not None:
         return mesh_size(study.diagnosis.mesh)
-    return coarse_mesh(study)
+    size = coarse_mesh(study)
+    return size.with_counts({"n_z": 1}) if size == study.mesh_size.coarse else size
 
 
 def coarse_mesh(study: Study) -> MeshSize:

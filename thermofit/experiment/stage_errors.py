@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.discretisation import MESH, ORDER, SHEET, STEPS, left_by, on_mesh_ratio, sheet_on_mesh, telling_mesh
+from thermofit.experiment.discretisation import MESH, ORDER, SHEET, STEPS, left_by, sheet_on_mesh, telling_mesh
 from thermofit.experiment.fields import Measured
+from thermofit.experiment.force_error import along_modes, on_one_layer
 from thermofit.experiment.held import thermal_names
 from thermofit.experiment.joint import FORCE_NOISE, Joint, coarse_mesh
 from thermofit.experiment.model import StageModel, steps_for
@@ -82,7 +82,7 @@ def _numerical(
     here = model_of(data, settings, parameters, size).residual(parameters)
     finer = telling_mesh(study, data.specimen, size)
     fine = model_of(data, settings, parameters, finer).residual(parameters)
-    found = {MESH: on_mesh_ratio(size, study.mesh_size) * (here - fine)[:, None] / (1.0 - left_by(size, finer))}
+    found = {MESH: left_by(size, study.mesh_size) * (here - fine)[:, None] / (1.0 - left_by(size, finer))}
     if isinstance(size, SheetSize):
         body = model_of(data, settings, parameters, size.body).residual(parameters)
         found[SHEET] = (here - body)[:, None] / (1.0 - sheet_on_mesh(size.body))
@@ -110,24 +110,18 @@ def _force_noise(
     if steps.error is None or study.force.drives != "force" or model.linearise is None:
         return np.zeros((0, 0))
 
-    def along_modes(mesh: MeshSize) -> dict[str, np.ndarray]:
-        if "theta" not in model.observations:
-            assert steps.error is not None
+    if "theta" in model.observations:  # a stage may hold its motion, and the error of the force moves it
+        joint = Joint(study, data, settings, size)
+        found = along_modes(joint, parameters)
+        times = {name: o.time for name, o in joint.prediction.instruments.observations.items()}
+        slopes = {name: found[name][np.searchsorted(times[name], o.time - 1e-9)] for name, o in model.observations.items()}
+    else:
+        names = load_modes(steps.error.shape[1])
+
+        def of_motion(mesh: MeshSize) -> Mapping[str, np.ndarray]:
             here = model if mesh == size else model_of(data, settings, parameters, mesh)
             assert here.linearise is not None
-            return here.linearise(parameters, load_modes(steps.error.shape[1]))[1]
-        # A stage may hold its motion, and the error of the force moves it.
-        joint = Joint(study, data, settings, mesh)
-        assert joint.steps.error is not None
-        found = joint.prediction.linearise(parameters, load_modes(joint.steps.error.shape[1]))[1]
-        times = {name: o.time for name, o in joint.prediction.instruments.observations.items()}
-        return {name: found[name][np.searchsorted(times[name], o.time - 1e-9)] for name, o in model.observations.items()}
+            return here.linearise(parameters, names)[1]
 
-    layer = size.with_counts({"n_z": 1})
-    try:
-        slopes = along_modes(layer)
-    except NumericsError:
-        if layer == size:
-            raise
-        slopes = along_modes(size)
+        slopes = dict(on_one_layer(size, of_motion))
     return model.assemble_jacobian({name: np.zeros_like(o.value) for name, o in model.observations.items()}, slopes)

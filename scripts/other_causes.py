@@ -664,6 +664,11 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "140 s on) came with the effect, before any run. `local_source` was put into the family of the draught before its first run",
         "as well. The plate of steel is named, at the noise, exit 0, and all parameters are within 1.8. The other three are not run yet.",
         "",
+        "**A third specimen came on 2026-12-02**, and no rule was made or changed with it in view. It is of copper, which conducts",
+        "much, 12 mm wide and 2 mm thick, and its programme has a stop of 25 s. One run is made on it. The pulse is told, unlisted,",
+        "exit 5, with its place within 0.9 mm and its window within 0.4 s. Beside it stands `latent_heat`, an impostor. That is",
+        "58 mJ/mm^3 in the joint fit, and 1 +- 31 beside the pulse. Kappa is 3.4 of its errors off, 65 %.",
+        "",
         "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | widest | s |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]

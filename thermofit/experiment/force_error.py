@@ -3,8 +3,8 @@
 Where the material flows, a force that is wrong by dF moves the points by (du/dF) dF. Near the largest force the specimen is so soft that
 half a newton makes more than the noise of the cameras, and the plastic work that goes with it warms it. The error is a sum of modes of unit
 variance (`SmoothForce.error_modes`); the coupled run is differentiated along each of them, so that flow, heat and its conduction are those
-of the model. On one layer of elements over half the thickness: there are fifty modes or more, each of them a direction of the run. What they do
-to a test of 6 x 40 x 2 elements is that on two layers within 0.02 % (`scripts/layers.py`).
+of the model. On one layer of elements over half the thickness: there are fifty modes or more, each of them a direction of the run. What
+they do to a test of 6 x 40 x 2 elements is that on two layers within 0.02 % (`scripts/layers.py`).
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def _telling(slopes: np.ndarray) -> ForceModes:
 
 
 def on_one_layer(size: MeshSize, slopes_on: Callable[[MeshSize], Mapping[str, np.ndarray]]) -> Mapping[str, np.ndarray]:
-    """What modes of the force make of fields, on one layer of elements; on those of the mesh, which tell it as well, where one layer does not
-    carry the force. NumericsError where these do not either."""
+    """What modes of the force make of fields, on one layer of elements; on those of the mesh, which tell it as well, where one layer does
+    not carry the force. NumericsError where these do not either."""
     layer = size.with_counts({"n_z": 1})
     try:
         return slopes_on(layer)

@@ -58,9 +58,9 @@ def joint_free(study: Study, data: Sequence[Measured]) -> tuple[str, ...]:
 
 
 def diagnosis_mesh(study: Study) -> MeshSize:
-    """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset, and of that one
-    layer of elements over half the thickness. What a second one adds is a hundredth of what elements in the plane leave, whose error the
-    joint model knows (`scripts/layers.py`)."""
+    """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset, and of that
+    one layer of elements over half the thickness. What a second one adds is a hundredth of what elements in the plane leave, whose error
+    the joint model knows (`scripts/layers.py`)."""
     if study.diagnosis.mesh is not None:
         return mesh_size(study.diagnosis.mesh)
     size = coarse_mesh(study)

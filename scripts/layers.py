@@ -2,6 +2,7 @@
 
     python scripts/layers.py study.yaml               # the coarse mesh, whose counts in the plane the joint model has
     python scripts/layers.py study.yaml --finest 16 108 4
+    python scripts/layers.py study.yaml --thickness 8     # as if the specimen were so thick, under a force as many times as large
 
 Rows are meshes: CPU seconds of one run, and how far displacements and temperatures lie from those of the finest mesh, rms in units of the
 noise, as they are and with the error of the mesh that half as many elements again tell taken off. Below them stand CPU seconds of the run
@@ -22,7 +23,7 @@ import numpy as np
 from thermofit.core.jit import set_threads
 from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.discretisation import left_by, telling_mesh
-from thermofit.experiment.fields import with_identified
+from thermofit.experiment.fields import LoadSteps, with_identified
 from thermofit.experiment.forms import experiment_after
 from thermofit.experiment.joint import Joint, coarse_mesh
 from thermofit.experiment.verification import IDENTIFY, identified_stages
@@ -45,6 +46,19 @@ def joint_of(path: Path) -> tuple[Joint, Parameters]:
     return replace(problem.parts, size=coarse_mesh(study)), problem.base
 
 
+def thickened(joint: Joint, thickness: float) -> Joint:
+    """The same test on a specimen of another thickness in mm, under the same nominal stress."""
+    own = joint.data.specimen
+    by = thickness / own.thickness
+
+    def pulled(steps: LoadSteps) -> LoadSteps:
+        course = None if steps.course is None else (steps.course[0], by * steps.course[1])
+        return replace(steps, force=by * steps.force, error=None if steps.error is None else by * steps.error, course=course)
+
+    every = {name: pulled(steps) for name, steps in joint.data.steps.items()}
+    return replace(joint, data=replace(joint.data, specimen=replace(own, thickness=thickness), steps=every))
+
+
 def timed(run: Callable[[], Fields]) -> tuple[Fields, float]:
     """What a run gives, and its CPU seconds."""
     begin = time.process_time()
@@ -56,8 +70,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", type=Path)
     parser.add_argument("--finest", nargs=3, type=int, default=(16, 108, 4), metavar=("N_X", "N_Y", "N_Z"))
+    parser.add_argument("--thickness", type=float, help="mm; that of the study")
     chosen = parser.parse_args()
     joint, parameters = joint_of(chosen.study.absolute())
+    joint = joint if chosen.thickness is None else thickened(joint, chosen.thickness)
 
     def shown(size: MeshSize) -> tuple[Fields, float]:
         return timed(lambda: replace(joint, size=size).prediction.errors(parameters))

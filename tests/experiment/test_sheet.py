@@ -148,7 +148,7 @@ def test_meshes_made_from_a_sheet_are_sheets() -> None:
     assert left_by(SheetSize(n_x=6, n_y=40), big) == pytest.approx(0.25) == pytest.approx(left_by(SheetSize(n_x=6, n_y=40), body))
     assert left_by(PRESETS["coarse"], body) == pytest.approx(0.25)
     case = study().model_copy(update={"mesh": "sheet"})
-    assert coarse_mesh(case) == diagnosis_mesh(case) == big.coarse == SheetSize(n_x=6, n_y=40)
+    assert coarse_mesh(case) == diagnosis_mesh(case, SPECIMEN) == big.coarse == SheetSize(n_x=6, n_y=40)
     fields = {MESH: {"u": np.ones(1)}, STEPS: {"u": np.full(1, 10.0)}, SHEET: {"u": np.full(1, 160.0)}, WITHIN: {"u": np.full(1, 1e3)}}
     assert on_mesh(fields, big.coarse, big)["u"] == pytest.approx(0.25 + 10.0 + 160.0)
     assert on_mesh(fields, big.coarse, body)["u"] == pytest.approx(0.25 + 10.0 + 10.0), "four layers leave a sixteenth"

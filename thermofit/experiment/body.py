@@ -255,7 +255,7 @@ class BodyExperiment:
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
         """One coupled run through all observations."""
         needs_drive(self.study, settings.channels)
-        size = size or diagnosis_mesh(self.study)
+        size = size or diagnosis_mesh(self.study, self.data.specimen)
         return self._problem(settings, base, Joint(self.study, self.data, settings, size), size)
 
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
@@ -263,7 +263,7 @@ class BodyExperiment:
         settings = self.joint_settings(free)
         pose = pose_bounds(self.study, self.data.registration) if self.data.registration else {}
         settings = settings.model_copy(update={"free": (*settings.free, *pose)})
-        base, size = base.with_free(settings.free), diagnosis_mesh(self.study)
+        base, size = base.with_free(settings.free), diagnosis_mesh(self.study, self.data.specimen)
         plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study, self.data.registration))
         found = told(plain, base)
         return replace(
@@ -398,7 +398,7 @@ class UnseenBody:
     def problem(self, settings: StageSettings, base: Parameters, known: Sequence[Effect]) -> JointProblem:
         """All that its own cameras have seen, on the mesh of the joint fit."""
         part = self.experiment
-        return part.joint(part.joint_settings_of(()), base, diagnosis_mesh(self.whole))
+        return part.joint(part.joint_settings_of(()), base, diagnosis_mesh(self.whole, part.data.specimen))
 
     def corrected(self, problem: JointProblem, parameters: Parameters) -> JointProblem:
         """With the errors of mesh and force at given parameters."""
@@ -432,7 +432,7 @@ def unseen_bodies(study: Study) -> tuple[UnseenBody, ...]:
 def planted(study: Study, data: Measured, settings: StageSettings, before: Parameters, after: Parameters) -> Measured:
     """Measured fields with the difference of two predictions added: displacements mm, temperatures K, the force N where it does not drive
     the model, and the elongation mm of the sections where it does. NumericsError where a run fails."""
-    joint = Joint(study, data, settings, diagnosis_mesh(study))
+    joint = Joint(study, data, settings, diagnosis_mesh(study, data.specimen))
     new, old = (joint.run(parameters) for parameters in (after, before))
     shown = [joint.prediction.of(history, parameters) for history, parameters in ((new, after), (old, before))]
 

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from thermofit.body.solve.history import History
+from thermofit.core.experiment import Specimen
 from thermofit.core.parameters import Parameters
 from thermofit.experiment.channels import FIELDS, comparisons_of, field_of
 from thermofit.experiment.fields import LoadSteps, Measured, temperature_of
@@ -57,14 +58,19 @@ def joint_free(study: Study, data: Sequence[Measured]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*elastic, *plastic, *thermal)))
 
 
-def diagnosis_mesh(study: Study) -> MeshSize:
-    """Mesh of the joint model: the one of section `diagnosis`, else that of the study, but not finer than the coarse preset, and of that
-    one layer of elements over half the thickness. What a second one adds is a hundredth of what elements in the plane leave, whose error
-    the joint model knows (`scripts/layers.py`)."""
+def diagnosis_mesh(study: Study, *specimens: Specimen) -> MeshSize:
+    """Mesh of the joint model of tests on these specimens: the one of section `diagnosis`, else that of the study, but not finer than the
+    coarse preset. Of that it has as few layers as keep every element no thicker than it is wide.
+
+    On thin specimens a second layer adds a hundredth of what elements in the plane leave, whose error the joint model knows
+    (`scripts/layers.py`). On thick ones it adds a third, and that error falls faster with more layers than the one in the plane."""
     if study.diagnosis.mesh is not None:
         return mesh_size(study.diagnosis.mesh)
     size = coarse_mesh(study)
-    return size.with_counts({"n_z": 1}) if size == study.mesh_size.coarse else size
+    if size != study.mesh_size.coarse:
+        return size
+    thick = max(int(np.ceil(size.n_x * one.thickness / one.gauge_width)) for one in specimens)
+    return size.with_counts({"n_z": min(thick, size.n_z)})
 
 
 def coarse_mesh(study: Study) -> MeshSize:

@@ -265,14 +265,18 @@ class SeveralExperiments:
         own = free or self.study.diagnosis.free or joint_free(self.study, [test.data for test in self.tests])
         return joint_settings(self.study, self.expanded(own), self.tests[0].data)
 
+    def _mesh(self) -> MeshSize:
+        """One mesh for all tests, with the layers that the thickest needs."""
+        return diagnosis_mesh(self.study, *(test.data.specimen for test in self.tests))
+
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
         """The joint problem of each as if it were alone, shared parameters common, one residual after the other."""
-        size = size or diagnosis_mesh(self.study)
+        size = size or self._mesh()
         return self._problem(settings, base, self._joint(settings, size), size)
 
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
         """With the errors of every mesh and its steps at the optimum of the stages taken into the data."""
-        settings, size = self.joint_settings(free), diagnosis_mesh(self.study)
+        settings, size = self.joint_settings(free), self._mesh()
         pose = self.poses()
         settings = settings.model_copy(update={"free": (*settings.free, *pose)})
         base, priors = base.with_free(settings.free), self._priors_of_each()

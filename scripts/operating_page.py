@@ -368,7 +368,7 @@ def never_planted(unplanted: Mapping[str, str]) -> list[str]:
         "",
         "Of these effects no run says how often they are found. From which amplitude on a test detects them is printed by",
     ]
-    lines += ["`scripts/operating_figures.py --driver body --smallest EFFECT`, with `--seed 200777` as below.", ""]
+    lines += ["`scripts/operating_figures.py --driver body --smallest EFFECT`; below it is the least of the tests of `--seed 200777`.", ""]
     lines += ["| effects | why |", "|---|---|"]
     for reason in dict.fromkeys(unplanted.values()):
         lines.append(f"| {', '.join(name for name, why in unplanted.items() if why == reason)} | {reason} |")

@@ -188,6 +188,22 @@ def test_joint_stage_of_several_is_that_of_each() -> None:
     np.testing.assert_allclose(along[n:whole, 1], alone[: whole - n, 0])
 
 
+def test_the_thickest_test_tells_how_many_layers_all_have() -> None:
+    """Of 4 mm of 25 mm one layer of the coarse mesh is enough, of 8 mm it is not; alone each test has its own."""
+    whole = case().model_copy(update={"mesh": "coarse"})
+    for thick in (("first",), ("second",), ()):
+        tests = tuple(
+            replace(
+                t, given=replace(t.data, specimen=replace(t.data.specimen, gauge_width=25.0, thickness=8.0 if t.name in thick else 4.0))
+            )
+            for t in both_of(whole).tests
+        )
+        several, base = SeveralExperiments(whole, tests), Parameters.of(TRUTH)
+        assert several.joint(several.joint_settings(("E",)), base).size.n_z == (2 if thick else 1)
+        for one in tests:
+            assert one.joint(one.joint_settings(("E",)), base).size.n_z == (2 if one.name in thick else 1)
+
+
 def test_a_common_parameter_meets_the_prior_of_every_test() -> None:
     joint = joint_of(both_of(case("shared: [theta_air]\n" + THERMAL)), ("theta_air",))
     base = Parameters.of(TRUTH, ("theta_air",))

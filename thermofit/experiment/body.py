@@ -252,10 +252,14 @@ class BodyExperiment:
         settings = joint_settings(self.study, free, self.data)
         return with_force_channel(settings) if self.turned else settings
 
+    def _mesh(self) -> MeshSize:
+        """The mesh of the joint model."""
+        return diagnosis_mesh(self.study, self.data.specimen)
+
     def joint(self, settings: StageSettings, base: Parameters, size: MeshSize | None = None) -> JointProblem:
         """One coupled run through all observations."""
         needs_drive(self.study, settings.channels)
-        size = size or diagnosis_mesh(self.study, self.data.specimen)
+        size = size or self._mesh()
         return self._problem(settings, base, Joint(self.study, self.data, settings, size), size)
 
     def diagnosed(self, base: Parameters, free: Sequence[str] = ()) -> JointProblem:
@@ -263,7 +267,7 @@ class BodyExperiment:
         settings = self.joint_settings(free)
         pose = pose_bounds(self.study, self.data.registration) if self.data.registration else {}
         settings = settings.model_copy(update={"free": (*settings.free, *pose)})
-        base, size = base.with_free(settings.free), diagnosis_mesh(self.study, self.data.specimen)
+        base, size = base.with_free(settings.free), self._mesh()
         plain = Joint(self.study, self.data, settings, size, beside=effect_priors(self.study, self.data.registration))
         found = told(plain, base)
         return replace(

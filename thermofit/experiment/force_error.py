@@ -4,7 +4,7 @@ Where the material flows, a force that is wrong by dF moves the points by (du/dF
 half a newton makes more than the noise of the cameras, and the plastic work that goes with it warms it. The error is a sum of modes of unit
 variance (`SmoothForce.error_modes`); the coupled run is differentiated along each of them, so that flow, heat and its conduction are those
 of the model. On one layer of elements over half the thickness: there are fifty modes or more, each of them a direction of the run. What
-they do to a test of 6 x 40 x 2 elements is that on two layers within 0.02 % (`scripts/layers.py`).
+they do to a specimen of 1.2 mm is that on two layers within 0.02 %, to one as if of 8 mm within 0.6 % (`scripts/layers.py`).
 """
 
 from __future__ import annotations

@@ -122,6 +122,8 @@ def test_they_are_those_beside_one_spot_where_that_is_all(problem: Made, monkeyp
     monkeypatch.setattr(module, "as_spot", lambda *_: (spot, ""))
     monkeypatch.setattr(module, "beside_one_place", lambda *_: beside)
     assert beside_source(here, missing) == replace(beside, spot=module.spot_of(spot.field))
+    monkeypatch.setattr(module, "as_spot", lambda *_: pytest.fail("that spot is known"))
+    assert beside_source(here, replace(missing, spot=spot)) == replace(beside, spot=module.spot_of(spot.field))
     monkeypatch.setattr(module, "as_spot", lambda *_: (None, "it leaves structure"))
     broad = beside_source(here, missing)
     assert broad is not None and broad.spot is None and broad.no_spot == "it leaves structure" and set(broad.value) == set(THERMAL)

@@ -274,31 +274,50 @@ def structure_of(excess: float, left: float = 0.0) -> Any:
 def test_what_leaves_a_tenth_and_is_not_needed_beside_the_field_only_resembles(
     monkeypatch: pytest.MonkeyPatch, excess: float, needed: bool, taken: bool
 ) -> None:
-    """Of an excess of 1000 at first."""
+    """Of an excess of 1000 at first. One spot is not all that is missing without it."""
+    monkeypatch.setattr(loop, "one_spot_instead", lambda *_: None)
     monkeypatch.setattr(loop, "without_effects", lambda *_: None)
     monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
     monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
     found: Any = SimpleNamespace(structure=structure_of(excess), law=None)
     field: Any = SimpleNamespace(basis=SimpleNamespace(kind="heat"), after=None, steps=())
-    assert resembled_by(closed_of(), ("a",), found, field) is taken
+    assert resembled_by(closed_of(), ("a",), found, field)[0] is taken
     over_state: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None, steps=())
     of_law: Any = SimpleNamespace(structure=found.structure, law=SimpleNamespace(field=over_state))
     for another_form in (True, False):
         monkeypatch.setattr(loop, "imitates", lambda model, known, law, said=another_form: said)
-        assert resembled_by(closed_of(), ("a",), of_law, over_state) is (taken and not another_form)
+        assert resembled_by(closed_of(), ("a",), of_law, over_state)[0] is (taken and not another_form)
     monkeypatch.setattr(loop, "field_of", lambda *_: pytest.fail("hats in the stead of steps would hold against the effect what they miss"))
     monkeypatch.setattr(loop, "over_time", lambda *_: SimpleNamespace(after=None))
     steps: Any = SimpleNamespace(basis=SimpleNamespace(kind="flux"), after=None, steps=((30.0, 0.01),))
-    assert resembled_by(closed_of(), ("a",), found, steps) is taken
+    assert resembled_by(closed_of(), ("a",), found, steps)[0] is taken
     stress: Any = SimpleNamespace(basis=SimpleNamespace(kind="stress"), after=None)
     for known in (found, of_law):
-        assert not resembled_by(closed_of(), ("a",), known, stress), "a stress over time follows whatever is smooth"
+        assert not resembled_by(closed_of(), ("a",), known, stress)[0], "a stress over time follows whatever is smooth"
     for kind in ("strain", "scale", "displacement"):
         cameras: Any = SimpleNamespace(basis=SimpleNamespace(kind=kind), after=None, steps=((30.0, 0.01),))
-        assert not resembled_by(closed_of(), ("hardening_curve",), found, cameras), "it follows the flow under a force, whatever that is"
-        assert resembled_by(closed_of(), ("dic_tilt",), found, cameras) is taken
+        assert not resembled_by(closed_of(), ("hardening_curve",), found, cameras)[0], "it follows the flow under a force, whatever that is"
+        assert resembled_by(closed_of(), ("dic_tilt",), found, cameras)[0] is taken
     monkeypatch.setattr(loop, "contradicted", lambda *_: ("theta_air",))
-    assert resembled_by(closed_of(), ("a",), found, steps) is not needed, "what drives a declared reading is no answer, whatever it takes"
+    assert resembled_by(closed_of(), ("a",), found, steps)[0] is not needed, "what drives a declared reading is no answer"
+
+
+@pytest.mark.parametrize(("excess", "needed"), [(99.0, False), (99.0, True), (101.0, False)], ids=["answers", "needed", "leaves more"])
+def test_what_answers_is_held_against_one_spot(monkeypatch: pytest.MonkeyPatch, excess: float, needed: bool) -> None:
+    """Beside a field of heat no heat is needed. Nothing else is asked for a spot, nor is what leaves more than a tenth."""
+    monkeypatch.setattr(loop, "without_effects", lambda *_: None)
+    monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
+    monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
+    found: Any = SimpleNamespace(structure=structure_of(excess), law=None)
+    heat, other = (cast(Any, SimpleNamespace(basis=SimpleNamespace(kind=k), after=None, steps=())) for k in ("heat", "flux"))
+    asked: list[Any] = []
+    for spot in (SimpleNamespace(), None):
+        monkeypatch.setattr(loop, "one_spot_instead", lambda *given, said=spot: asked.append(given[1]) or said)
+        answers = excess < 100.0
+        told = resembled_by(closed_of(), ("a",), found, heat)
+        assert told == (not needed and (spot is not None or not answers), spot if answers and not needed else None)
+        assert resembled_by(closed_of(), ("a",), found, other)[0] is (not needed and not answers)
+    assert asked == ([("a",), ("a",)] if excess < 100.0 and not needed else [])
 
 
 @pytest.mark.parametrize(("beside", "same"), [(0.3, True), (0.4, False)])

@@ -14,11 +14,12 @@ from said_progress import said_progress
 from scipy.stats import norm
 from strip import BASE, MODEL, Source, strip_case
 
+from thermofit.core.errors import NumericsError
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose.beside_source import Spot, spot_of
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.trace import Traced, traced
-from thermofit.diagnose.unlisted import LEAVES, UNSETTLED, Unlisted, as_spot, at_parameters, structured, unlisted
+from thermofit.diagnose.unlisted import LEAVES, UNSETTLED, Unlisted, as_spot, at_parameters, beside_spot, structured, unlisted
 from thermofit.diagnose.unlisted_field import Basis, MissingField, best_beside, field_of, likeliest, roughness, with_parameters
 from thermofit.diagnose.unlisted_spot import nearest, travels
 from thermofit.experiment.missing import Grid, hats
@@ -306,6 +307,31 @@ def test_parameters_beside_a_spot_come_back_though_it_drove_them_off(one: tuple[
     truth = 0.8 * (1.0 + np.sin(2.0 * np.pi * grid.time / 55.0))
     assert np.sqrt(np.mean((power - truth)[inside] ** 2)) < 0.1 * truth.max()
     assert sigma[0] < 0.1 * BASE[names[0]], "and they are known"
+
+
+def test_a_field_is_told_beside_a_spot_that_is_known(one: tuple[Traced, Unlisted, Unlisted], monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the hats with which it was found, where parameters beside the spot are: no step is left, but at the optimum without it. It is not
+    told of a channel that holds no structure, where held-out data do not ask for it, nor where a run fails."""
+    here, found, spot = one
+    hold = structured(here, None)
+    term = beside_spot(here, hold, found, spot)
+    assert term is not None and term.field is not None and found.field is not None and term.spot is spot and term.place is not None
+    assert term.parameters == spot.parameters and term.structure is hold[0] and term.channel == "theta" and term.others == ()
+    assert np.array_equal(term.field.basis.chosen, found.field.basis.chosen) and term.place.centroid[1] == pytest.approx(8.0, abs=0.5)
+    assert np.abs(term.field.step / term.field.uncertainty).max() < 1.0
+    driven = beside_spot(here, hold, found, replace(spot, parameters=here.case.parameters))
+    assert driven is not None and driven.field is not None and np.abs(driven.field.step / driven.field.uncertainty).max() > 3.0
+    assert term.field.before == pytest.approx(here.problem.model.predicted(here.split.folds), nan_ok=True)
+    assert beside_spot(here, [], found, spot) is None and beside_spot(here, hold, replace(found, field=None), spot) is None
+    monkeypatch.setattr(module, "believed", lambda *_: False)
+    assert beside_spot(here, hold, found, spot) is None
+    monkeypatch.undo()
+
+    def fails(*_: object) -> Any:
+        raise NumericsError("no run there")
+
+    monkeypatch.setattr(module, "at_parameters", fails)
+    assert beside_spot(here, hold, found, spot) is None
 
 
 def test_a_spot_is_found_from_where_it_is_not(one: tuple[Traced, Unlisted, Unlisted]) -> None:

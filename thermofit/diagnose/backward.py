@@ -75,14 +75,15 @@ def moved_by(here: Traced, name: str, without_it: LinearModel) -> bool:
     return far(without_it.free_step[list(asked)], np.array(list(asked.values())), sigma)
 
 
-def _neutral(here: Traced, name: str) -> Parameters:
-    neutral = {n: param(n).neutral for n in effect(name).names}
-    return here.case.parameters.replace(**neutral).with_free(tuple(n for n in here.case.parameters.free if n not in neutral))
+def neutral(parameters: Parameters, names: Sequence[str]) -> Parameters:
+    """The parameters with effects back at neutral and nothing of them fitted."""
+    back = {n: param(n).neutral for name in names for n in effect(name).names}
+    return parameters.replace(**back).with_free(tuple(n for n in parameters.free if n not in back))
 
 
 def without(here: Traced, name: str, means: Means) -> tuple[Traced, FitResult]:
     """The loop's state after an effect was dropped and everything else refitted."""
-    end = means.refit(_neutral(here, name), f"without {name}")
+    end = means.refit(neutral(here.case.parameters, [name]), f"without {name}")
     return means.at_end(here, end), end[1]
 
 
@@ -102,7 +103,7 @@ def compensated(here: Traced, name: str, others: Sequence[str], means: Means) ->
     left, most = (m.left for m in (done.with_columns(here.case.model.linearised(here.case.parameters, exponents)[1]), done))
     if left @ left > (1.0 - STANDS_IN) * (most @ most):
         return None
-    start = _neutral(here, name)
+    start = neutral(here.case.parameters, [name])
     end = means.refit(start.with_free((*start.free, *exponents)), f"without {name}{EXPONENTS}", exponents=True)
     there = means.at_end(here, end)
     return None if proof_against(there, here, name).convinces else (there, end[1])

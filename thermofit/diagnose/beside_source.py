@@ -94,7 +94,7 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
         return None
     try:
         moved = on_its_motion(here)
-        spot, no_spot = as_spot(moved, missing)
+        spot, no_spot = (missing.spot, "") if missing.spot is not None else as_spot(moved, missing)
         if spot is not None and spot.field is not None:
             return replace(beside_one_place(spot.case or case, spot), spot=spot_of(spot.field))
         fit = case.heated(moved.case.parameters)

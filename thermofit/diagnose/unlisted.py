@@ -110,6 +110,8 @@ class Unlisted:
     """The case that knows its errors as they are beside the field; None: they are those at the optimum without it."""
     settled: bool = True
     """Whether the parameters beside a field that is the same everywhere have settled: else they are not known."""
+    spot: Unlisted | None = None
+    """The same as one spot (`as_spot`), where that is known to be all that is missing."""
 
 
 def unlisted(here: Traced, hold: Sequence[Structure], explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
@@ -779,6 +781,27 @@ def as_spot(here: Traced, found: Unlisted) -> tuple[Unlisted | None, str]:
         if spot is not None:
             return spot, why
     return None, why
+
+
+def beside_spot(here: Traced, hold: Sequence[Structure], found: Unlisted, spot: Unlisted) -> Unlisted | None:
+    """What is missing of a traced case by the hats of a heat that was found elsewhere (`found`), with the parameters where they are beside
+    the one spot that is all of it; None where its channel holds no structure here, where held-out data do not ask for it, or a run fails.
+
+    `hold`: channels of the case that hold structure."""
+    structure = next((s for s in hold if s.blocks.channel == found.channel), None)
+    if structure is None or found.field is None:
+        return None
+    there = replace(here.case, parameters=spot.parameters)
+    try:
+        term = beside_optimum(here, at_parameters(here, there, structure, found.field))
+    except NumericsError:
+        return None
+    if not believed(term):
+        return None
+    every = [s.effect for s in here.ranking.scores]
+    others = tuple(s.blocks.channel for s in hold if s is not structure)
+    alone = Unlisted(found.channel, structure, best_listed(here, structure, every), None, None, (), others, spot.parameters)
+    return replace(alone, field=term, place=place_of(term, volumes(here.case, term.basis)), hints=hints_of(here, term), spot=spot)
 
 
 def holding(here: Traced, names: Sequence[str]) -> Traced:

@@ -9,13 +9,23 @@ from itertools import combinations
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import param
-from thermofit.diagnose.backward import held_out_of, without_effects
+from thermofit.diagnose.backward import held_out_of, neutral, without_effects
 from thermofit.diagnose.case import Refit
 from thermofit.diagnose.held_out import Rows, compared
 from thermofit.diagnose.loop import Closed, against_base, whole
+from thermofit.diagnose.rescored import on_its_motion
 from thermofit.diagnose.trace import Traced, at_end
-from thermofit.diagnose.unlisted import Unlisted, believed_law, broad_basis, camera_bases, over_time, structured, unlisted
+from thermofit.diagnose.unlisted import (
+    Unlisted,
+    as_spot,
+    believed_law,
+    beside_spot,
+    broad_basis,
+    camera_bases,
+    over_time,
+    structured,
+    unlisted,
+)
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, MissingField, field_of
 from thermofit.diagnose.unlisted_structure import Structure
 from thermofit.effects.catalogue import effect
@@ -29,17 +39,20 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
 
     An accepted effect is taken back where more than a tenth of the excess stays, a field of the missing term explains that, and held-out
     data no longer ask for the effect beside the field. Where several that resemble it have taken so much together that what stays asks for
-    no field, a field in their stead is asked for, and what the infrared camera adds in any case. A refit that fails or does not converge
-    leaves them where they are.
+    no field, a field in their stead is asked for, and what the infrared camera adds in any case. One that leaves less is taken back where
+    one spot of heat is all that is missing without it; that spot is what is told then. At an optimum that what is missing has driven off
+    another kind of term may predict better. A refit that fails or does not converge leaves effects where they are.
     """
     hold = structured(closed.last, numerical)
     found = unlisted(closed.last, hold, closed.open_ones, _base(closed))
     resembles: list[str] = []
     while closed.accepted:
         names: tuple[str, ...] = ()
+        spot: Unlisted | None = None
         if found is not None:
             asked = ((n, term) for term in terms_of(found) for n in closed.accepted if n not in resembles)
-            names = next(((n,) for n, term in asked if resembled_by(closed, (n,), found, term)), ())
+            judged = (((n,), *resembled_by(closed, (n,), found, term)) for n, term in asked)
+            names, spot = next(((name, one) for name, taken_for, one in judged if taken_for), ((), None))
         if not names and not resembles:
             names = in_their_stead(closed, hold, by_cameras_alone=found is not None and found.field is not None)
         if not names:
@@ -51,11 +64,13 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
             break
         closed = whole(against_base(taken, how).as_base(), how)
         hold = structured(closed.last, numerical)
-        found = unlisted(closed.last, hold, (), _base(closed))
+        beside = None if found is None or spot is None else beside_spot(closed.last, hold, found, spot)
+        found = unlisted(closed.last, hold, (), _base(closed)) if beside is None else beside
     if found is None:
         return closed, None
     said = (*closed.remarks, *([found.remark] if found.remark else []))
-    return replace(closed, remarks=said), replace(found, resembles=tuple(resembles), beside=closed.accepted)
+    spot = None if found.spot is None else replace(found.spot, beside=closed.accepted)
+    return replace(closed, remarks=said), replace(found, resembles=tuple(resembles), beside=closed.accepted, spot=spot)
 
 
 def _base(closed: Closed) -> np.ndarray | None:
@@ -69,23 +84,49 @@ def terms_of(found: Unlisted) -> list[MissingField]:
     return [term for term in (found.field, law) if term is not None]
 
 
-def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: MissingField) -> bool:
-    """True where the effects left too much behind or have driven declared readings beyond their errors, and are not needed beside the
-    field. A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it, but
-    for a law over the state. That takes back no effect of which it is another form (`imitates`). Nor is a curve of any form taken back for
-    a displacement (`says_more`)."""
+def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: MissingField) -> tuple[bool, Unlisted | None]:
+    """True where the effects left too much behind or have driven declared readings beyond their errors, or one spot is all that is missing
+    without them, and they are not needed beside the field; then that spot, where it decided.
+
+    A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it, but for a
+    law over the state. That takes back no effect of which it is another form (`imitates`). Nor is a curve of any form taken back for a
+    displacement (`says_more`)."""
     blocks, end = found.structure.blocks, closed.last.case
     over_state = found.law is not None and field is found.law.field
     if (field.basis.kind == "stress" and not over_state) or says_more(names, field.basis.kind):
-        return False
+        return False, None
     answers = found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual)
-    if answers and not contradicted(end.model.priors, end.parameters):
-        return False
+    answers = answers and not contradicted(end.model.priors, end.parameters)
+    if answers and field.basis.kind != "heat":
+        return False, None
     here, known = closed.last, without_effects(closed.last, names)
     if over_state and imitates(here.problem.model, known, field.basis):
-        return False
+        return False, None
     alone = over_time(known, field.basis, here) if field.steps else field_of(known, field.basis, here.rows, here.split)
-    return not compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
+    if compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces:
+        return False, None
+    spot = one_spot_instead(closed, names, found) if answers else None
+    return not answers or spot is not None, spot
+
+
+def one_spot_instead(closed: Closed, names: Sequence[str], found: Unlisted) -> Unlisted | None:
+    """The one spot of heat that is all that is missing where effects are not there: parameters settle beside it, and it leaves no
+    structure. None where there is no such spot, or a run fails.
+
+    Beside a field over place and time no heat is needed, for it follows any. A spot does not: beside a second cause it is not all."""
+    try:
+        return as_spot(on_its_motion(at_neutral(closed, names)), found)[0]
+    except NumericsError:
+        return None
+
+
+def at_neutral(closed: Closed, names: Sequence[str]) -> Traced:
+    """The trace without effects: at the optimum of the base model where nothing else was accepted, else where they alone are back at
+    neutral. NumericsError where the run there fails."""
+    if closed.base is not None and set(names) == set(closed.accepted):
+        return closed.first
+    last = closed.last
+    return at_end(replace(last.case, parameters=neutral(last.case.parameters, names)), None, last.split, last)
 
 
 def imitates(model: LinearModel, known: LinearModel, law: Basis) -> bool:
@@ -154,17 +195,26 @@ def rows_of(here: Traced, own: np.ndarray) -> Rows:
 
 
 def _taken_back(closed: Closed, names: Sequence[str], refit: Refit) -> Closed | str:
-    """The result with the effects at neutral and everything else refitted, or in words why they could not be taken back."""
+    """The result with the effects at neutral and everything else refitted, or in words why they could not be taken back.
+
+    Where nothing else was accepted it is the base model, at its optimum where that is known. What is missing may keep a refit of it from
+    settling, as it kept the first fit: then it is where the loop began."""
     last: Traced = closed.last
-    neutral = {n: param(n).neutral for name in names for n in effect(name).names}
-    free = tuple(n for n in last.case.parameters.free if n not in neutral)
+    every = set(names) == set(closed.accepted)
+    accepted = tuple(n for n in closed.accepted if n not in names)
+    without = replace(closed, accepted=accepted, dropped=(*closed.dropped, *names))
+    if every and closed.base is not None:
+        return replace(without, last=closed.first, fit=closed.base)
+    begin = closed.first.case.parameters if every else neutral(last.case.parameters, names)
     kept = f"{' and '.join(names)} only resembles what is unlisted, but stays: the fit without it"
     try:
-        parameters, fit = refit(last.case.parameters.replace(**neutral).with_free(free), f"without {' '.join(names)}")
+        parameters, fit = refit(begin, f"without {' '.join(names)}")
     except NumericsError as error:
         return f"{kept} failed ({error})"
     if not fit.converged:
-        return f"{kept} did not converge ({fit.message})"
-    here = at_end(replace(last.case, parameters=parameters), fit, last.split, last)
-    accepted = tuple(n for n in closed.accepted if n not in names)
-    return replace(closed, last=here, fit=fit, accepted=accepted, dropped=(*closed.dropped, *names))
+        if not every:
+            return f"{kept} did not converge ({fit.message})"
+        parameters = begin
+        words = f"the fit without {' and '.join(names)} has not settled ({fit.message}): traced from where the loop began"
+        without = replace(without, remarks=(*without.remarks, words))
+    return replace(without, last=at_end(replace(last.case, parameters=parameters), fit, last.split, last), fit=fit)

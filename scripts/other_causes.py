@@ -671,6 +671,13 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "of heat is all that is missing without it. The row is made anew. The pulse alone is told now, 32.7 +- 1.8 mW. Kappa is known",
         "to 3.8 %, 1.2 of its errors off. E is 3.3 of its errors off, 0.75 %, so it is still not within three.",
         "",
+        "Two more runs came after that rule, and both are **failures**. `one jaw and ramp` is answered by the jaw alone, exit 0, at",
+        "0.992 of the noise. The ramp is taken up by conductivity and films: kappa is 9.3, alpha_clamp 10 and alpha_air 8.5 of their",
+        "errors off. A spot at its place lowers the held-out error by 0.5 +- 0.13 %, where a term has to take 3 %. The linear step",
+        "beside it brings kappa back by 5 of its errors. `moving-source` has `local_source`, of the right family, where it is not, and",
+        "a heat source beside it. The readings of air and jaws are 59 of their errors off, which is said. C0 is 6.7 and alpha_exp 7.5",
+        "of their errors off. Held-out data ask for `local_source` beside the field of few hats, so that it is not taken back.",
+        "",
         "| run | specimen | accepted | unlisted | answered by | impostors | grade, exit | farthest parameter | widest | s |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]

@@ -163,3 +163,4 @@ class _Replaceable:
     resembles: tuple[str, ...]
     beside: tuple[str, ...]
     law: Any = None
+    spot: Any = None

@@ -320,24 +320,6 @@ def test_what_answers_is_held_against_one_spot(monkeypatch: pytest.MonkeyPatch, 
     assert asked == ([("a",), ("a",)] if excess < 100.0 and not needed else [])
 
 
-@pytest.mark.parametrize("needed", [True, False])
-@pytest.mark.parametrize("name", ["local_source", "rate_power"])
-def test_a_heat_that_has_driven_readings_is_held_against_one_spot(monkeypatch: pytest.MonkeyPatch, name: str, needed: bool) -> None:
-    """Though held-out data ask for it beside the field. What displacements feel is needed where they ask for it, and beside another term
-    than a heat so is a heat."""
-    monkeypatch.setattr(loop, "without_effects", lambda *_: None)
-    monkeypatch.setattr(loop, "field_of", lambda *_: SimpleNamespace(after=None))
-    monkeypatch.setattr(loop, "compared", lambda *_: GOOD if needed else replace(GOOD, sigma=0.3))
-    monkeypatch.setattr(loop, "contradicted", lambda *_: ("theta_air",))
-    found: Any = SimpleNamespace(structure=structure_of(500.0), law=None)
-    heat, other = (cast(Any, SimpleNamespace(basis=SimpleNamespace(kind=k), after=None, steps=())) for k in ("heat", "flux"))
-    for spot in (SimpleNamespace(), None):
-        monkeypatch.setattr(loop, "one_spot_instead", lambda *_, said=spot: said)
-        decides = needed and name == "local_source" and spot is not None
-        assert resembled_by(closed_of(), (name,), found, heat) == (decides or not needed, spot if decides else None)
-        assert resembled_by(closed_of(), (name,), found, other) == (not needed, None)
-
-
 @pytest.mark.parametrize(("beside", "same"), [(0.3, True), (0.4, False)])
 def test_a_law_is_another_form_of_what_it_leaves_less_than_a_tenth_of(beside: float, same: bool) -> None:
     """What the effect does is 1 along the law, `beside` across it, and 5 along a parameter, which takes that: 0.09 and 0.16 of one."""

@@ -29,7 +29,6 @@ from thermofit.diagnose.unlisted import (
 from thermofit.diagnose.unlisted_field import BEHIND, PRACTICAL, SURE, Basis, MissingField, field_of
 from thermofit.diagnose.unlisted_structure import Structure
 from thermofit.effects.catalogue import effect
-from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.experiment.missing_body import OF_CAMERAS
 from thermofit.experiment.priors import contradicted
 from thermofit.fit.linear_model import LinearModel
@@ -87,8 +86,7 @@ def terms_of(found: Unlisted) -> list[MissingField]:
 
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: MissingField) -> tuple[bool, Unlisted | None]:
     """True where the effects left too much behind or have driven declared readings beyond their errors, or one spot is all that is missing
-    without them, and they are not needed beside the field; then that spot, where it decided. It decides as well where a heat that has
-    driven readings is needed beside the field: of few hats that is not all of a source that travels.
+    without them, and they are not needed beside the field; then that spot, where it decided.
 
     A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it, but for a
     law over the state. That takes back no effect of which it is another form (`imitates`). Nor is a curve of any form taken back for a
@@ -98,26 +96,17 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
     if (field.basis.kind == "stress" and not over_state) or says_more(names, field.basis.kind):
         return False, None
     answers = found.structure.excess <= BEHIND * blocks.excess(closed.first.columns.residual)
-    wrong = bool(contradicted(end.model.priors, end.parameters))
-    if answers and not wrong and field.basis.kind != "heat":
+    answers = answers and not contradicted(end.model.priors, end.parameters)
+    if answers and field.basis.kind != "heat":
         return False, None
     here, known = closed.last, without_effects(closed.last, names)
     if over_state and imitates(here.problem.model, known, field.basis):
         return False, None
     alone = over_time(known, field.basis, here) if field.steps else field_of(known, field.basis, here.rows, here.split)
-    needed = compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces
-    if needed and not (wrong and field.basis.kind == "heat" and heats(names)):
+    if compared(alone.after, field.after, here.rows, len(here.split.held_out)).convinces:
         return False, None
-    if not needed and (wrong or not answers):
-        return True, None
-    spot = one_spot_instead(closed, names, found)
-    return spot is not None, spot
-
-
-def heats(names: Sequence[str]) -> bool:
-    """Whether temperatures alone feel effects."""
-    every = [n for name in names for n in effect(name).names]
-    return len(acting_on_temperatures(every)) == len(every)
+    spot = one_spot_instead(closed, names, found) if answers else None
+    return not answers or spot is not None, spot
 
 
 def one_spot_instead(closed: Closed, names: Sequence[str], found: Unlisted) -> Unlisted | None:

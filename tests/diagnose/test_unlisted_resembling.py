@@ -21,7 +21,7 @@ from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.trial import Trial
 from thermofit.diagnose.unlisted import HALF, Unlisted, structured
 from thermofit.diagnose.unlisted_field import BEHIND
-from thermofit.diagnose.unlisted_loop import at_neutral, ended, in_their_stead, one_spot_instead
+from thermofit.diagnose.unlisted_loop import ended, in_their_stead, one_spot_instead, trace_without
 from thermofit.fit.result import FitResult
 
 AMPLITUDES = {"ir_drift": "ir_drift.rate", "ir_emissivity": "ir_emissivity.slope", "stored_energy": "stored_energy.slope"}
@@ -123,15 +123,15 @@ def test_what_answers_is_taken_back_where_one_spot_is_all_without_it(heights: tu
 def test_where_nothing_is_left_the_base_model_is_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is fitted already; a refit from where effects have driven it may not find back. One spot is asked for beside it too."""
     closed = beside_one_spot(("ir_emissivity",), (8.0,))
-    assert closed.base is not None and at_neutral(closed, ("ir_emissivity",)) is closed.first
+    assert closed.base is not None and trace_without(closed, ("ir_emissivity",)) is closed.first
     end, found = ended(closed, no_refit, None, "auto")
     assert end.accepted == () and end.last is closed.first and end.fit is closed.base and end.dropped == ("ir_emissivity",)
     assert found is not None and found.resembles == ("ir_emissivity",) and found.beside == ()
-    back = at_neutral(replace(closed, base=None), ("ir_emissivity",))
+    back = trace_without(replace(closed, base=None), ("ir_emissivity",))
     assert back.case.parameters.free == closed.first.case.parameters.free and not back.whole
     assert back.case.parameters["ir_emissivity.slope"] == param("ir_emissivity.slope").neutral
     others = replace(closed, accepted=("ir_drift", "ir_emissivity"))
-    assert at_neutral(others, ("ir_emissivity",)) is not closed.first, "what else was accepted stays"
+    assert trace_without(others, ("ir_emissivity",)) is not closed.first, "what else was accepted stays"
 
     asked: list[Traced] = []
     of_displacements = replace(closed.first, case=replace(closed.first.case, moved=lambda parameters: parameters.replace(E=7.1e4)))
@@ -147,8 +147,18 @@ def test_where_nothing_is_left_the_base_model_is_where_it_was(monkeypatch: pytes
     def fails(*_: object) -> Any:
         raise NumericsError("no run there")
 
-    monkeypatch.setattr(unlisted_loop, "at_neutral", fails)
-    assert one_spot_instead(closed, ("ir_emissivity",), found) is None
+    monkeypatch.undo()
+    monkeypatch.setattr(unlisted_loop, "BEHIND", 1.0)  # so that it counts as an answer
+    monkeypatch.setattr(unlisted_loop, "beside_spot", fails)
+    anew, found = ended(closed, no_refit, None, "auto")
+    assert anew.accepted == () and found is not None and found.spot is None
+    assert any("sought anew: the run beside one spot failed (no run there)" in r for r in anew.remarks)
+    monkeypatch.setattr(unlisted_loop, "trace_without", fails)
+    stays, _ = ended(closed, no_refit, None, "auto")
+    assert stays.accepted == ("ir_emissivity",)
+    assert any(
+        "whether ir_emissivity only resembles what is unlisted was not judged: a run failed (no run there)" in r for r in stays.remarks
+    )
 
 
 def test_where_the_base_model_does_not_settle_it_is_where_the_loop_began() -> None:

@@ -14,7 +14,6 @@ from said_progress import said_progress
 from scipy.stats import norm
 from strip import BASE, MODEL, Source, strip_case
 
-from thermofit.core.errors import NumericsError
 from thermofit.diagnose import unlisted as module
 from thermofit.diagnose.beside_source import Spot, spot_of
 from thermofit.diagnose.held_out import Rows, Split
@@ -311,7 +310,7 @@ def test_parameters_beside_a_spot_come_back_though_it_drove_them_off(one: tuple[
 
 def test_a_field_is_told_beside_a_spot_that_is_known(one: tuple[Traced, Unlisted, Unlisted], monkeypatch: pytest.MonkeyPatch) -> None:
     """By the hats with which it was found, where parameters beside the spot are: no step is left, but at the optimum without it. It is not
-    told of a channel that holds no structure, where held-out data do not ask for it, nor where a run fails."""
+    told of a channel that holds no structure, where held-out data do not ask for it."""
     here, found, spot = one
     hold = structured(here, None)
     term = beside_spot(here, hold, found, spot)
@@ -324,13 +323,6 @@ def test_a_field_is_told_beside_a_spot_that_is_known(one: tuple[Traced, Unlisted
     assert term.field.before == pytest.approx(here.problem.model.predicted(here.split.folds), nan_ok=True)
     assert beside_spot(here, [], found, spot) is None and beside_spot(here, hold, replace(found, field=None), spot) is None
     monkeypatch.setattr(module, "believed", lambda *_: False)
-    assert beside_spot(here, hold, found, spot) is None
-    monkeypatch.undo()
-
-    def fails(*_: object) -> Any:
-        raise NumericsError("no run there")
-
-    monkeypatch.setattr(module, "at_parameters", fails)
     assert beside_spot(here, hold, found, spot) is None
 
 

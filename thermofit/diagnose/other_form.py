@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters, param
-from thermofit.diagnose.backward import Means, held_out_of
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.backward import Means, held_out_of, neutral
 from thermofit.diagnose.combined import with_wider
 from thermofit.diagnose.held_out import compared
 from thermofit.diagnose.loop import Closed
@@ -66,9 +66,8 @@ def with_other_forms(closed: Closed, how: str) -> Closed:
 def by_another(here: Traced, name: str, other: str, means: Means) -> Parameters | None:
     """The parameters with the other effect fitted in the stead of the accepted one; None where held-out data are then predicted worse.
     NumericsError where a run fails."""
-    off = {n: param(n).neutral for n in effect(name).names}
     parameters = here.case.parameters
-    without = parameters.replace(**off).with_free(tuple(n for n in parameters.free if n not in off))
+    without = neutral(parameters, [name])
     rest, names = at_neutral(here, name), here.problem.dormant[other][0]
     room = room_of(parameters, without.free, here.case.reach)
     step = replace(rest, bounds=room).with_columns(best_of(here, rest, other), room_of(parameters, names)).step.d

@@ -16,7 +16,7 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
-from thermofit.diagnose.backward import held_out_of, without_effects
+from thermofit.diagnose.backward import held_out_of, neutral, without_effects
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.loop import Closed, like_of
 from thermofit.diagnose.rescored import hidden, refitted
@@ -60,8 +60,8 @@ def _told_by_refit(here: Traced, name: str, other: str) -> bool:
     both = (*effect(name).names, *effect(other).names)
     if here.case.heated is None or len(acting_on_temperatures(both)) < len(both):
         return False
-    off, parameters = {n: param(n).neutral for n in effect(name).names}, here.case.parameters
-    there = parameters.replace(**off).with_free(tuple(n for n in parameters.free if n not in off))
+    parameters = here.case.parameters
+    there = neutral(parameters, [name])
     try:
         fit = here.case.heated(parameters)
         end = (

@@ -785,17 +785,14 @@ def as_spot(here: Traced, found: Unlisted) -> tuple[Unlisted | None, str]:
 
 def beside_spot(here: Traced, hold: Sequence[Structure], found: Unlisted, spot: Unlisted) -> Unlisted | None:
     """What is missing of a traced case by the hats of a heat that was found elsewhere (`found`), with the parameters where they are beside
-    the one spot that is all of it; None where its channel holds no structure here, where held-out data do not ask for it, or a run fails.
+    the one spot that is all of it; None where its channel holds no structure here, or held-out data do not ask for it.
 
-    `hold`: channels of the case that hold structure."""
+    `hold`: channels of the case that hold structure. NumericsError where a run fails."""
     structure = next((s for s in hold if s.blocks.channel == found.channel), None)
     if structure is None or found.field is None:
         return None
     there = replace(here.case, parameters=spot.parameters)
-    try:
-        term = beside_optimum(here, at_parameters(here, there, structure, found.field))
-    except NumericsError:
-        return None
+    term = beside_optimum(here, at_parameters(here, there, structure, found.field))
     if not believed(term):
         return None
     every = [s.effect for s in here.ranking.scores]

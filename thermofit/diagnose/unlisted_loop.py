@@ -41,7 +41,8 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     data no longer ask for the effect beside the field. Where several that resemble it have taken so much together that what stays asks for
     no field, a field in their stead is asked for, and what the infrared camera adds in any case. One that leaves less is taken back where
     one spot of heat is all that is missing without it; that spot is what is told then. At an optimum that what is missing has driven off
-    another kind of term may predict better. A refit that fails or does not converge leaves effects where they are.
+    another kind of term may predict better. A refit that fails leaves effects where they are, and so does one that does not converge where
+    others stay. A run that fails is said.
     """
     hold = structured(closed.last, numerical)
     found = unlisted(closed.last, hold, closed.open_ones, _base(closed))
@@ -50,9 +51,8 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         names: tuple[str, ...] = ()
         spot: Unlisted | None = None
         if found is not None:
-            asked = ((n, term) for term in terms_of(found) for n in closed.accepted if n not in resembles)
-            judged = (((n,), *resembled_by(closed, (n,), found, term)) for n, term in asked)
-            names, spot = next(((name, one) for name, taken_for, one in judged if taken_for), ((), None))
+            names, spot, failed = resembling(closed, found, resembles)
+            closed = replace(closed, remarks=tuple(dict.fromkeys((*closed.remarks, *failed))))
         if not names and not resembles:
             names = in_their_stead(closed, hold, by_cameras_alone=found is not None and found.field is not None)
         if not names:
@@ -64,7 +64,12 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
             break
         closed = whole(against_base(taken, how).as_base(), how)
         hold = structured(closed.last, numerical)
-        beside = None if found is None or spot is None else beside_spot(closed.last, hold, found, spot)
+        beside: Unlisted | None = None
+        try:
+            beside = None if found is None or spot is None else beside_spot(closed.last, hold, found, spot)
+        except NumericsError as error:
+            words = f"what is unlisted was sought anew: the run beside one spot failed ({error})"
+            closed = replace(closed, remarks=(*closed.remarks, words))
         found = unlisted(closed.last, hold, (), _base(closed)) if beside is None else beside
     if found is None:
         return closed, None
@@ -84,13 +89,29 @@ def terms_of(found: Unlisted) -> list[MissingField]:
     return [term for term in (found.field, law) if term is not None]
 
 
+def resembling(closed: Closed, found: Unlisted, known: Sequence[str]) -> tuple[tuple[str, ...], Unlisted | None, tuple[str, ...]]:
+    """The first accepted effect, but those that are `known`, that only resembles what is missing, and the one spot that decided, if one
+    did; then, in words, which effects were not judged because a run failed."""
+    failed: list[str] = []
+    for term in terms_of(found):
+        for name in (n for n in closed.accepted if n not in known):
+            try:
+                taken_for, spot = resembled_by(closed, (name,), found, term)
+            except NumericsError as error:
+                failed.append(f"whether {name} only resembles what is unlisted was not judged: a run failed ({error})")
+                continue
+            if taken_for:
+                return (name,), spot, tuple(failed)
+    return (), None, tuple(failed)
+
+
 def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field: MissingField) -> tuple[bool, Unlisted | None]:
     """True where the effects left too much behind or have driven declared readings beyond their errors, or one spot is all that is missing
     without them, and they are not needed beside the field; then that spot, where it decided.
 
     A stress over the time of each record follows whatever is smooth: beside it no law is needed, and none is taken back for it, but for a
     law over the state. That takes back no effect of which it is another form (`imitates`). Nor is a curve of any form taken back for a
-    displacement (`says_more`)."""
+    displacement (`says_more`). NumericsError where a run fails."""
     blocks, end = found.structure.blocks, closed.last.case
     over_state = found.law is not None and field is found.law.field
     if (field.basis.kind == "stress" and not over_state) or says_more(names, field.basis.kind):
@@ -111,16 +132,13 @@ def resembled_by(closed: Closed, names: tuple[str, ...], found: Unlisted, field:
 
 def one_spot_instead(closed: Closed, names: Sequence[str], found: Unlisted) -> Unlisted | None:
     """The one spot of heat that is all that is missing where effects are not there: parameters settle beside it, and it leaves no
-    structure. None where there is no such spot, or a run fails.
+    structure. None where there is no such spot. NumericsError where a run fails.
 
     Beside a field over place and time no heat is needed, for it follows any. A spot does not: beside a second cause it is not all."""
-    try:
-        return as_spot(on_its_motion(at_neutral(closed, names)), found)[0]
-    except NumericsError:
-        return None
+    return as_spot(on_its_motion(trace_without(closed, names)), found)[0]
 
 
-def at_neutral(closed: Closed, names: Sequence[str]) -> Traced:
+def trace_without(closed: Closed, names: Sequence[str]) -> Traced:
     """The trace without effects: at the optimum of the base model where nothing else was accepted, else where they alone are back at
     neutral. NumericsError where the run there fails."""
     if closed.base is not None and set(names) == set(closed.accepted):

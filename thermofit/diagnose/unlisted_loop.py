@@ -51,7 +51,7 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         names: tuple[str, ...] = ()
         spot: Unlisted | None = None
         if found is not None:
-            names, spot, failed = resembling(closed, found, resembles)
+            names, spot, failed = resembling(closed, found)
             closed = replace(closed, remarks=tuple(dict.fromkeys((*closed.remarks, *failed))))
         if not names and not resembles:
             names = in_their_stead(closed, hold, by_cameras_alone=found is not None and found.field is not None)
@@ -89,12 +89,12 @@ def terms_of(found: Unlisted) -> list[MissingField]:
     return [term for term in (found.field, law) if term is not None]
 
 
-def resembling(closed: Closed, found: Unlisted, known: Sequence[str]) -> tuple[tuple[str, ...], Unlisted | None, tuple[str, ...]]:
-    """The first accepted effect, but those that are `known`, that only resembles what is missing, and the one spot that decided, if one
-    did; then, in words, which effects were not judged because a run failed."""
+def resembling(closed: Closed, found: Unlisted) -> tuple[tuple[str, ...], Unlisted | None, tuple[str, ...]]:
+    """The first accepted effect that only resembles what is missing, and the one spot that decided, if one did; then, in words, which
+    effects were not judged because a run failed."""
     failed: list[str] = []
     for term in terms_of(found):
-        for name in (n for n in closed.accepted if n not in known):
+        for name in closed.accepted:
             try:
                 taken_for, spot = resembled_by(closed, (name,), found, term)
             except NumericsError as error:

@@ -100,6 +100,7 @@ def test_the_form_is_told_where_the_parameters_are(monkeypatch: pytest.MonkeyPat
     by_form = np.array([[0.3, 0.4], [0.0, 0.1]]) if added else np.zeros((2, 0))
     monkeypatch.setattr(module, "beside_term", lambda *_: known)
     monkeypatch.setattr(module, "weighed", lambda *_: Second({}, np.zeros((2, 2))))
+    monkeypatch.setattr(module, "other_channels", lambda *_: [])
     monkeypatch.setattr(
         module, "moves_of_form", lambda *given: (by_form, ("not told",)) if given[3] == added and given[2].parameters == told else None
     )

@@ -8,7 +8,7 @@ from scipy.linalg import null_space
 
 from thermofit.diagnose.held_out import Rows, Split
 from thermofit.diagnose.unlisted_field import Basis, MissingField, System, field_of, roughness
-from thermofit.diagnose.unlisted_second import second_histories, with_term
+from thermofit.diagnose.unlisted_second import mixed, second_histories, with_term
 from thermofit.experiment.missing import Grid
 from thermofit.fit.linear_model import LinearModel
 
@@ -91,6 +91,18 @@ def test_intervals_are_those_of_a_mixture_about_what_is_told() -> None:
     assert found.likelihood["flux"] > 0.9
     expected = sum(w * part for w, part in zip(of_all, parts, strict=True))
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+
+
+def test_kinds_share_what_is_believed_of_any_of_them() -> None:
+    """Before the data speak: one of twenty tests has one, each kind as likely as any other. Else each is as likely as none."""
+    known, term, others = made()
+    own = {"offset": term.basis, **others}
+    whole = LinearModel(np.random.default_rng(2).normal(size=N), known.columns)
+    equal, rare = mixed(whole, own), mixed(whole, own, 0.05)
+    odds = {kind: part / (1.0 - sum(equal.likelihood.values())) for kind, part in equal.likelihood.items()}
+    less = {kind: one * (0.05 / 3) / 0.95 for kind, one in odds.items()}
+    assert rare.likelihood == pytest.approx({kind: one / (1.0 + sum(less.values())) for kind, one in less.items()})
+    assert 0.0 < sum(rare.likelihood.values()) < sum(equal.likelihood.values())
 
 
 def test_steps_stand_as_the_steps_that_they_are() -> None:

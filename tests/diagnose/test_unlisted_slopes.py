@@ -130,7 +130,8 @@ def test_intervals_hold_what_an_error_moves_beside_the_term(found: tuple[Traced,
     term, parameters, _ = settled(here, structure, begin)
     doubt = 0.3 * np.random.default_rng(5).normal(size=len(here.rows.time)).cumsum() / 20.0
     case = replace(here.case, parameters=parameters, doubts={"mesh": doubt})
-    missing: Any = SimpleNamespace(field=term, structure=structure, settled=True, case=case, parameters=parameters, beside=())
+    own = {"field": term, "structure": structure, "channel": structure.blocks.channel}
+    missing: Any = SimpleNamespace(**own, settled=True, case=case, parameters=parameters, beside=())
     told = beside_source(here, missing)
     assert told is not None
     known = beside_term(LinearModel(*case.model.linearised(parameters, parameters.free)), case, parameters, term)

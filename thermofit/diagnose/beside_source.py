@@ -5,12 +5,13 @@ unlisted heat two things are told instead. Parameters that temperatures do not f
 those beside a broad source (`protected`); how little is known of that source is part of their standard errors. Beside a term that is the
 same everywhere, or one spot that leaves nothing else, they are those fitted with it. Standard errors hold what the test prescribes, what
 may be left of the errors of mesh and steps, and what the loop holds of the law that it has added (`FORM`). Beside one history, or one
-spot, they hold other kinds of histories that may be there as well (`unlisted_second`).
+spot, they hold other kinds of histories that may be there as well (`unlisted_second`), and those of channels of which nothing is told
+(`quiet`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,13 +20,16 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.diagnose.beside_form import moves_of_form
 from thermofit.diagnose.case import Case
+from thermofit.diagnose.quiet import quiet
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import held_exponents
-from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, weighed
+from thermofit.diagnose.unlisted import UNSETTLED, Unlisted, as_spot, has_parameters, weighed
 from thermofit.diagnose.unlisted_field import MissingField, moves_beside
+from thermofit.diagnose.unlisted_second import with_term
 from thermofit.diagnose.unlisted_slopes import beside_term
 from thermofit.diagnose.unlisted_spot import middle_of_power
+from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import EXCHANGED, EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
@@ -84,19 +88,20 @@ def beside_source(here: Traced, missing: Unlisted | None, budget: Budget | None 
 def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
     """The same without what is known of the form of added laws."""
     case = here.case
-    if missing is None or missing.field is None or missing.field.basis.kind in ("displacement", "stress"):
+    if missing is None or missing.field is None or not has_parameters(missing):
         return None
+    silent = other_channels(here, missing)
     if missing.field.basis.grid.places == 1:
         if not missing.settled:
             return BesideSource({}, {}, UNSETTLED)
-        return beside_one_place(missing.case or case, missing)
+        return beside_one_place(missing.case or case, missing, silent)
     if case.heated is None or case.model.segments is not None:
         return None
     try:
         moved = on_its_motion(here)
         spot, no_spot = (missing.spot, "") if missing.spot is not None else as_spot(moved, missing)
         if spot is not None and spot.field is not None:
-            return replace(beside_one_place(spot.case or case, spot), spot=spot_of(spot.field))
+            return replace(beside_one_place(spot.case or case, spot, silent), spot=spot_of(spot.field))
         fit = case.heated(moved.case.parameters)
         found = None if fit is None else protected_at(moved, fit)
         if fit is None or found is None:
@@ -133,8 +138,15 @@ def spot_of(term: MissingField) -> Spot:
     return Spot(float(y), spread, (float(velocity), float(np.sqrt(term.posterior[m + 1, m + 1]))), since)
 
 
-def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:
-    """The parameters that were fitted with a term over time that is the same everywhere, or one spot."""
+def other_channels(here: Traced, missing: Unlisted) -> list[Structure]:
+    """The channels of a body but that of which something is told."""
+    every = structures(here.case, here.rows, here.problem.model.left, None)
+    return [one for one in every if one.blocks.channel != missing.channel]
+
+
+def beside_one_place(case: Case, missing: Unlisted, others: Sequence[Structure] = ()) -> BesideSource:
+    """The parameters that were fitted with a term over time that is the same everywhere, or one spot; `others`: channels of which nothing
+    is told, whose quiet histories are weighed beside it."""
     parameters, term = missing.parameters, missing.field
     assert term is not None, "they were fitted with it"
     there = replace(case, parameters=parameters)
@@ -143,17 +155,21 @@ def beside_one_place(case: Case, missing: Unlisted) -> BesideSource:
         errors = _errors(case, parameters, columns)
         known = beside_term(LinearModel(residual, columns), case, parameters, term)
         second = weighed(known, case, missing.structure, term, parameters)
+        whole = with_term(known, term)
+        silent = [found for one in others if (found := quiet(whole, there, one)) is not None]
         form, untold = moves_of_form(known, term, there, missing.beside)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
-    noise = np.sqrt(term.uncertainty**2 + np.diag(second.covariance))
+    p = len(term.uncertainty)
+    noise = np.sqrt(term.uncertainty**2 + sum((np.diag(one.covariance)[:p] for one in silent), np.diag(second.covariance)))
+    likely = {kind: part for one in (second, *silent) for kind, part in one.likelihood.items()}
     sigma = _together(noise, np.concatenate([moves_beside(known, term, errors), form], axis=1))
     values = {n: parameters[n] for n in parameters.free}
     held = {n: parameters[n] for n in held_exponents(parameters)} if missing.beside else {}
     return BesideSource(
         values,
         dict(zip(parameters.free, sigma, strict=True)),
-        second=second.likelihood,
+        second=likely,
         held=held,
         form=TOLD_ANEW if missing.beside else (),
         untold=untold,

@@ -114,6 +114,11 @@ class Unlisted:
     """The same as one spot (`as_spot`), where that is known to be all that is missing."""
 
 
+def has_parameters(missing: Unlisted | None) -> bool:
+    """Whether parameters are told beside what is missing: a displacement and a stress are maps of what is left, and no cause."""
+    return missing is not None and missing.field is not None and missing.field.basis.kind not in ("displacement", "stress")
+
+
 def unlisted(here: Traced, hold: Sequence[Structure], explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
     """The unlisted effect that a traced case holds; None where nothing stands out, or an effect that `explains` takes half of it.
 
@@ -472,23 +477,24 @@ def camera_bases(here: Traced, structure: Structure) -> list[Basis]:
     return [alike_basis(here, structure, kind) for kind in missing.of_instruments.get(seen, ())]
 
 
-def histories(case: Case, structure: Structure, term: MissingField) -> dict[str, Basis]:
-    """The hats over all times of every other kind of history that a channel may have beside a term, and that shows in it, where the
-    parameters of a case are. NumericsError where a run fails."""
+def histories(case: Case, structure: Structure, term: MissingField | None = None, most: int = MOST_HATS) -> dict[str, Basis]:
+    """The hats over all times, no more than `most`, of every kind of history that a channel may have, beside a term every other one, and
+    that shows in it, where the parameters of a case are. NumericsError where a run fails."""
     missing = case.model.missing
-    assert missing is not None, "the term has a kind"
+    assert missing is not None, "the channel has kinds"
     kinds = other_kinds(case, structure, term)
-    found = {kind: every_hat(case, structure, kind, missing.grid(kind, COUNTS[kind])) for kind in kinds}
+    found = {kind: every_hat(case, structure, kind, missing.grid(kind, (min(COUNTS[kind][0], most), 1, 1))) for kind in kinds}
     return {kind: hat for kind, hat in found.items() if hat.columns.any()}
 
 
-def other_kinds(case: Case, structure: Structure, term: MissingField) -> list[str]:
+def other_kinds(case: Case, structure: Structure, term: MissingField | None = None) -> list[str]:
     """Kinds of terms that are the same everywhere which a channel may have, but that of a term."""
     missing, seen = case.model.missing, observed_field(structure.blocks.channel)
-    assert missing is not None, "the term has a kind"
+    assert missing is not None, "the channel has kinds"
     if missing.records:
         return []
-    return [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k != term.basis.kind]
+    told = None if term is None else term.basis.kind
+    return [k for of in (missing.of_surface, missing.of_instruments) for k in of.get(seen, ()) if k != told]
 
 
 def alike_basis(here: Traced, structure: Structure, kind: str, most: int = MOST_HATS) -> Basis:

@@ -36,18 +36,27 @@ class Second:
 def second_histories(known: LinearModel, term: MissingField, others: Mapping[str, Basis]) -> Second:
     """What other kinds of histories may make of the fitted parameters beside a term with its lambda; `known`: the linear model of the
     parameters where they are, `others`: the hats of each kind."""
-    p, own = known.columns.shape[1], term.basis
-    whole = with_term(known, term)
+    p = known.columns.shape[1]
+    found = mixed(with_term(known, term), others)
+    return replace(found, covariance=found.covariance[:p, :p])
+
+
+def mixed(whole: LinearModel, others: Mapping[str, Basis], before: float | None = None) -> Second:
+    """How likely one history of any kind is beside all that a linear model fits, and what they may make of that; `others`: the hats of each
+    kind, one at least. `before`: how likely any of them is before the data speak, each kind as any other; None: each as none of them."""
+    own = next(iter(others.values()))
     none = replace(own, columns=own.columns[:, :0], rough=own.rough[:0, :0])
     alone, least = System(whole, none).solved(1.0)
-    gains, moved = [0.0], [np.zeros((p, p))]
+    gains, moved = [0.0], [np.zeros_like(least)]
     for basis in others.values():
         system = System(whole, basis)
         gained = system.gains
         step, covariance = system.solved(system.weights[int(np.argmax(gained))])
-        away = (step - alone)[:p]
+        away = step - alone
         gains.append(float(gained.max()))
-        moved.append((covariance - least)[:p, :p] + np.outer(away, away))
+        moved.append(covariance - least + np.outer(away, away))
+    if before is not None:
+        gains = [np.log(1.0 - before), *(gain + np.log(before / len(others)) for gain in gains[1:])]
     share = softmax(gains)
     return Second(dict(zip(others, share[1:].tolist(), strict=True)), np.tensordot(share, np.array(moved), axes=1))
 

@@ -13,6 +13,7 @@ from thermofit.diagnose.loop import Closed, close_loop
 from thermofit.diagnose.other_form import with_other_forms
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.pulled import with_pulled
+from thermofit.diagnose.quiet import with_quiet
 from thermofit.diagnose.slowest_rate import with_slowest_rate
 from thermofit.diagnose.stand_ins import with_stand_ins
 from thermofit.diagnose.unlisted import Unlisted
@@ -48,4 +49,4 @@ def with_all_errors(closed: Closed, missing: Unlisted | None, how: str) -> Close
     closed = with_other_forms(with_held_law(closed, missing), how)
     for knowing in (with_form_of_heat, with_pulled, with_slowest_rate, with_exchanged):
         closed = knowing(closed)
-    return closed
+    return with_quiet(closed, missing)

@@ -31,6 +31,8 @@ OTHER_FORM = "another effect in its stead"
 """What an effect that the data do not tell from an added one would make of the parameters."""
 EXCHANGED = "exchange of equal forms"
 """The same model with the values of an added effect and of a part of the base model that is of its form exchanged."""
+QUIET = "quiet histories"
+"""What histories that nothing tells, for they lower no error that counts, may make of the parameters."""
 PULLED = "pull of temperatures"
 """How far temperatures pull parameters of the motion from where displacements have them, beside an added heat."""
 

@@ -133,7 +133,8 @@ def test_the_end_of_the_loop_asks(monkeypatch: pytest.MonkeyPatch) -> None:
     same = ("with_stand_ins", "with_combined", "with_held_exponents", "with_form_of_heat", "with_pulled", "with_slowest_rate")
     for name in same:
         monkeypatch.setattr(whole_loop, name, lambda c: c)
-    monkeypatch.setattr(whole_loop, "with_held_law", lambda c, _: c)
+    for name in ("with_held_law", "with_quiet"):
+        monkeypatch.setattr(whole_loop, name, lambda c, _: c)
     monkeypatch.setattr(whole_loop, "with_other_forms", lambda c, _: c)
     fit, residual = fitted()
     assert whole_loop.with_all_errors(closed(fit, residual), None, "auto").fit.sigma[0] > 1.0  # type: ignore[index]

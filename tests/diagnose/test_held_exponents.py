@@ -206,9 +206,11 @@ def test_the_whole_loop_asks_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(whole_loop, "with_pulled", lambda one: f"{one} pulled")
     monkeypatch.setattr(whole_loop, "with_slowest_rate", lambda one: f"{one} to the slowest rate")
     monkeypatch.setattr(whole_loop, "with_exchanged", lambda one: f"{one}, exchanged")
+    monkeypatch.setattr(whole_loop, "with_quiet", lambda one, missing: f"{one}, quiet beside {missing}")
     study: Any = SimpleNamespace(diagnosis=SimpleNamespace(held_out="auto", max_effects=2))
     found: Any = SimpleNamespace(case=None, fit=None, refit=None, numerical=None)
     assert (
         whole_loop.looped(study, found).closed
-        == "combined beside exponents and a law beside None or another (auto) and a heat pulled to the slowest rate, exchanged"
+        == "combined beside exponents and a law beside None or another (auto) and a heat pulled to the slowest rate, exchanged, "
+        "quiet beside None"
     )

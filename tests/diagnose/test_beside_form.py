@@ -128,7 +128,7 @@ def test_channels_of_which_nothing_is_told_are_asked_beside_it(monkeypatch: pyte
     channels = {name: SimpleNamespace(blocks=SimpleNamespace(channel=name)) for name in ("du", "dtheta")}
     asked = []
 
-    def one(whole: LinearModel, there: Any, structure: Any) -> Second:
+    def one(whole: LinearModel, errors: np.ndarray, there: Any, structure: Any) -> Second:
         asked.append((whole.columns.shape[1], there.parameters, structure.blocks.channel))
         return Second({"scale": 0.7}, np.diag(np.r_[0.09, 0.0, np.ones(whole.columns.shape[1] - 2)]))
 

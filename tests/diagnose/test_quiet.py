@@ -11,6 +11,7 @@ import pytest
 
 import thermofit.diagnose.quiet as module
 from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.quiet import quiet, with_quiet
 from thermofit.diagnose.unlisted_field import Basis, roughness
@@ -58,8 +59,22 @@ def closed(size: float, seed: int = 5, **case: Any) -> Closed:
         rows=None,
         problem=SimpleNamespace(model=SimpleNamespace(left=at)),
     )
+    here.case.parameters = Parameters.of(dict.fromkeys(NAMES, 1.0), NAMES)
     budget = Budget(NAMES, {NOISE: np.diag(spread.sigma)}, np.zeros(3, dtype=bool))
     return Closed((), here, here, fit, (), (), None, None, budget=budget)  # type: ignore[arg-type]
+
+
+def test_an_error_of_the_mesh_is_no_history() -> None:
+    """What may be left of the mesh's error does the same as a history: nothing is told of that, and the budget has it already."""
+    fit = closed(SIZE).fit
+    known, structure = LinearModel(fit.residual, JACOBIAN), module.structures(None, None, None, None)[1]  # type: ignore[arg-type]
+    mesh = np.zeros((N, 1))
+    mesh[80:, 0] = SIZE * KINDS["dtheta"][0].columns @ HISTORY
+    bare, beside = (quiet(known, errors, None, structure) for errors in (np.zeros((N, 0)), mesh))  # type: ignore[arg-type]
+    assert bare is not None and beside is not None and beside.covariance.shape == (3, 3)
+    assert bare.likelihood["jaw_upper"] > 0.9 and sum(beside.likelihood.values()) < 0.3
+    longer = LinearModel(np.append(fit.residual, 0.0), np.vstack([JACOBIAN, np.zeros(3)]))
+    assert quiet(longer, mesh, None, structure).covariance == pytest.approx(beside.covariance, rel=0.02)  # type: ignore[arg-type, union-attr]
 
 
 @pytest.fixture(autouse=True)
@@ -67,6 +82,7 @@ def _channels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two channels, each with a history and a term of any place."""
     channels = [SimpleNamespace(blocks=SimpleNamespace(channel=name)) for name in KINDS]
     monkeypatch.setattr(module, "structures", lambda *_: channels)
+    monkeypatch.setattr(module, "errors_of", lambda *_: np.zeros((N, 0)))
     monkeypatch.setattr(module, "histories", lambda case, one, most: {b.kind: b for b in KINDS[one.blocks.channel][:1]})
     monkeypatch.setattr(module, "broad_basis", lambda case, one: KINDS[one.blocks.channel][1])
 
@@ -86,12 +102,13 @@ def test_a_quiet_history_widens_what_it_moves() -> None:
 
 
 def test_both_channels_are_asked_and_terms_of_any_place_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = [quiet(LinearModel(closed(0.0).fit.residual, JACOBIAN), None, one) for one in module.structures(None, None, None, None)]  # type: ignore[arg-type]
+    known = LinearModel(closed(0.0).fit.residual, JACOBIAN)
+    asked = [quiet(known, np.zeros((N, 0)), None, one) for one in module.structures(None, None, None, None)]  # type: ignore[arg-type]
     assert [set(found.likelihood) for found in asked if found is not None] == [{"scale", "displacement"}, {"jaw_upper", "heat"}]
     monkeypatch.setattr(module, "histories", lambda *_, **__: {})
     monkeypatch.setattr(module, "broad_basis", lambda *_: None)
     one = closed(SIZE)
-    assert quiet(LinearModel(np.zeros(N), JACOBIAN), None, None) is None and with_quiet(one, None) is one  # type: ignore[arg-type]
+    assert quiet(known, np.zeros((N, 0)), None, None) is None and with_quiet(one, None) is one  # type: ignore[arg-type]
 
 
 def _kappa(of: Closed) -> float:

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters
 from thermofit.diagnose.beside_form import moves_of_form
 from thermofit.diagnose.case import Case
+from thermofit.diagnose.combined import errors_of
 from thermofit.diagnose.quiet import quiet
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
@@ -33,7 +33,6 @@ from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import EXCHANGED, EXPONENTS, FORM_OF_HEAT, HELD_LAW, OTHER_FORM, PULLED, SLOWER_RATES, Budget, moves
 from thermofit.fit.linear_model import LinearModel
-from thermofit.identify.combined import taken_for_exact
 
 FORM = (EXCHANGED, EXPONENTS, HELD_LAW, FORM_OF_HEAT, OTHER_FORM, PULLED, SLOWER_RATES)
 """Causes of doubt that lie in the form of what was added, and not in the data."""
@@ -108,7 +107,7 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
             return None
         free = moved.case.parameters.free
         _, columns = case.model.linearised(moved.case.parameters, free)
-        errors = _errors(case, moved.case.parameters, columns)
+        errors = errors_of(case, moved.case.parameters, columns)
         thermal = acting_on_temperatures(found.parameters.free)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted heat are not known ({error})")
@@ -152,11 +151,11 @@ def beside_one_place(case: Case, missing: Unlisted, others: Sequence[Structure] 
     there = replace(case, parameters=parameters)
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)
-        errors = _errors(case, parameters, columns)
+        errors = errors_of(case, parameters, columns)
         known = beside_term(LinearModel(residual, columns), case, parameters, term)
         second = weighed(known, case, missing.structure, term, parameters)
         whole = with_term(known, term)
-        silent = [found for one in others if (found := quiet(whole, there, one)) is not None]
+        silent = [found for one in others if (found := quiet(whole, errors, there, one)) is not None]
         form, untold = moves_of_form(known, term, there, missing.beside)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
@@ -174,13 +173,6 @@ def beside_one_place(case: Case, missing: Unlisted, others: Sequence[Structure] 
         form=TOLD_ANEW if missing.beside else (),
         untold=untold,
     )
-
-
-def _errors(case: Case, parameters: Parameters, columns: np.ndarray) -> np.ndarray:
-    """What one standard error of each thing that the case takes for exact makes in its residual (n, m)."""
-    prescribed = {} if case.prescribed is None else case.prescribed(parameters)
-    found = taken_for_exact(case.model, parameters, columns, prescribed, case.doubts)
-    return np.concatenate([np.zeros((len(columns), 0)), *found.values()], axis=1)
 
 
 def _together(noise: np.ndarray, moved: np.ndarray) -> list[float]:

@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
+from thermofit.core.parameters import Parameters
+from thermofit.diagnose.case import Case
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.widened import with_covariance
 from thermofit.fit.budget import root_of
 from thermofit.fit.result import FitResult
-from thermofit.identify.combined import joint_budget
+from thermofit.identify.combined import joint_budget, taken_for_exact
 from thermofit.identify.solve import Solved
 
 
@@ -38,3 +40,11 @@ def with_wider(closed: Closed, cause: str, fit: FitResult) -> Closed:
         own = (budget.parts[cause],) if cause in budget.parts else ()
         budget = replace(budget, parts={**budget.parts, cause: np.column_stack([*own, root_of(after.matrix - before.matrix)])})
     return replace(closed, fit=fit, budget=budget)
+
+
+def errors_of(case: Case, parameters: Parameters, columns: np.ndarray) -> np.ndarray:
+    """What one standard error of each thing that the case takes for exact makes in its residual (n, m); `columns` (n, n_p): those of the
+    free parameters. NumericsError where a run fails."""
+    prescribed = {} if case.prescribed is None else case.prescribed(parameters)
+    found = taken_for_exact(case.model, parameters, columns, prescribed, case.doubts)
+    return np.concatenate([np.zeros((len(columns), 0)), *found.values()], axis=1)

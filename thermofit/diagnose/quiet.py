@@ -7,25 +7,30 @@ standard errors hold
 
     E = sum_k p_k (C_k - C + d_k d_k^T)
 
-more. A kind of which the data show nothing has its lambda at the largest, moves nothing, and adds nothing. Each channel is asked by itself.
-Where parameters are told beside something unlisted, the other channels are asked beside it (`beside_source`).
+more. What may be left of the errors of mesh and steps is free beside them: it is no history. A kind of which the data show nothing has its
+lambda at the largest, moves nothing, and adds nothing. Each channel is asked by itself. Where parameters are told beside something
+unlisted, the other channels are asked beside it (`beside_source`).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from thermofit.core.errors import NumericsError
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.combined import with_wider
+from thermofit.diagnose.combined import errors_of, with_wider
 from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import IN_TIME, LIKELIER, Unlisted, broad_basis, has_parameters, histories
-from thermofit.diagnose.unlisted_second import Second, mixed
+from thermofit.diagnose.unlisted_second import Second, held_beside, mixed
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.diagnose.widened import most_widened, widened
 from thermofit.experiment.missing import KINDS
 from thermofit.fit.budget import QUIET
 from thermofit.fit.linear_model import LinearModel
+from thermofit.fit.result import FitResult
 from thermofit.records.progress import progress
 
 RARE = 0.05
@@ -41,18 +46,15 @@ def with_quiet(closed: Closed, missing: Unlisted | None) -> Closed:
         return closed
     if has_parameters(missing):
         return closed
-    wider, likely, known = fit, list[str](), LinearModel(fit.residual, fit.jacobian)
-    with progress("quiet histories", None) as advance:
-        for structure in structures(here.case, here.rows, here.problem.model.left, None):
-            advance(1, structure.blocks.channel)
-            try:
-                found = quiet(known, here.case, structure)
-            except NumericsError as error:
-                words = f"what histories that nothing tells may make of the parameters is not known: a run failed ({error})"
-                return replace(closed, remarks=(*closed.remarks, words))
-            if found is not None:
-                wider = widened(wider, found.covariance)
-                likely += [KINDS[kind].words for kind, part in found.likelihood.items() if part > LIKELIER]
+    try:
+        found = quiet_of(here, fit)
+    except NumericsError as error:
+        words = f"what histories that nothing tells may make of the parameters is not known: a run failed ({error})"
+        return replace(closed, remarks=(*closed.remarks, words))
+    wider, likely = fit, list[str]()
+    for one in found:
+        wider = widened(wider, one.covariance)
+        likely += [KINDS[kind].words for kind, part in one.likelihood.items() if part > LIKELIER]
     most = most_widened(fit, wider)
     if not most:
         return closed
@@ -63,10 +65,31 @@ def with_quiet(closed: Closed, missing: Unlisted | None) -> Closed:
     return replace(closed, remarks=(*closed.remarks, f"{words}: too small to be told, and not excluded"))
 
 
-def quiet(whole: LinearModel, case: Case, structure: Structure) -> Second | None:
+def quiet_of(here: Traced, fit: FitResult) -> list[Second]:
+    """The quiet histories of all channels beside a fit that ends at a trace. NumericsError where a run fails."""
+    assert fit.jacobian is not None, "it was asked of a fit that has one"
+    known, found = LinearModel(fit.residual, fit.jacobian), list[Second]()
+    errors = errors_of(here.case, here.case.parameters.with_free(fit.names), fit.jacobian)
+    with progress("quiet histories", None) as advance:
+        for structure in structures(here.case, here.rows, here.problem.model.left, None):
+            advance(1, structure.blocks.channel)
+            one = quiet(known, errors, here.case, structure)
+            found += [] if one is None else [one]
+    return found
+
+
+def quiet(known: LinearModel, errors: np.ndarray, case: Case, structure: Structure) -> Second | None:
     """How likely every kind of history is that a channel may have, and the term of any place, beside all that a linear model of a case
-    fits, and E; None where there is no kind of which anything would show. NumericsError where a run fails."""
+    fits, and E (p, p); None where there is no kind of which anything would show. NumericsError where a run fails.
+
+    `errors` (n, m): what may be left of the errors of mesh and steps, and what else counts as exact, as one standard error each. They are
+    free beside: what they could make is no history."""
     kinds, broad = histories(case, structure, most=IN_TIME), broad_basis(case, structure)
     if broad is not None:
         kinds[broad.kind] = broad
-    return mixed(whole, kinds, RARE) if kinds else None
+    if not kinds:
+        return None
+    p, m = known.columns.shape[1], errors.shape[1]
+    longer = np.pad(errors, ((0, len(known.residual) - len(errors)), (0, 0)))  # rows that hold a term know nothing of them
+    found = mixed(held_beside(known, longer, np.eye(m)), kinds, RARE)
+    return replace(found, covariance=found.covariance[:p, :p])

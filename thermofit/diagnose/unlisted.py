@@ -19,11 +19,11 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.case import Case
-from thermofit.diagnose.held_out import Proof, compared
+from thermofit.diagnose.held_out import Proof, compared, far
 from thermofit.diagnose.protected import step_taken
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
-from thermofit.diagnose.trace import Traced, room_of
+from thermofit.diagnose.trace import Traced, material_of, room_of
 from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, MissingField, believed, field_of, likeliest, proved, roughness
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
@@ -425,8 +425,8 @@ def asked_for(here: Traced, structure: Structure) -> MissingField | None:
     """The term at the optimum that predicts held-out data of a channel best; None where they ask for none.
 
     They have to ask by as many standard errors as blocks have to stand out by, for of all kinds some term predicts a little better by
-    chance; and it has to be worth it. A history of few hats is enough to ask. An offset that grows along the load is told in the stead of
-    another term alone.
+    chance; and it has to be worth it (`worth_asking`). A history of few hats is enough to ask. An offset that grows along the load is told
+    in the stead of another term alone.
     """
     missing = here.case.model.missing
     assert missing is not None, "it has kinds"
@@ -434,7 +434,17 @@ def asked_for(here: Traced, structure: Structure) -> MissingField | None:
     alike = [everywhere_alike(here, here, structure, kinds, IN_TIME) for kinds in (missing.of_surface, instruments)]
     broad = broad_basis(here.case, structure)
     terms = [own.term for own in alike if own is not None] + ([] if broad is None else [solved(here, broad)])
-    return max((t for t in terms if believed(t, STANDS_OUT, WORTH)), key=lambda term: term.proof.gain, default=None)
+    return max((t for t in terms if worth_asking(here.case, t)), key=lambda term: term.proof.gain, default=None)
+
+
+def worth_asking(case: Case, term: MissingField) -> bool:
+    """Whether held-out data that ask for a term surely gain enough by it, or it moves a parameter of the material far: that is worth it,
+    however little it takes of the error, as of an effect (`moves_material`)."""
+    if not believed(term, STANDS_OUT):
+        return False
+    asked = material_of(case, answered=True)
+    places, value = np.array(list(asked), dtype=int), np.array(list(asked.values()))
+    return term.proof.gain > WORTH or far(term.step[places], value, term.uncertainty[places])
 
 
 def best_listed(here: Traced, structure: Structure, names: Sequence[str]) -> tuple[str, float]:

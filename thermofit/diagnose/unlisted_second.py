@@ -67,7 +67,11 @@ def with_term(known: LinearModel, term: MissingField) -> LinearModel:
     block = np.zeros((len(known.residual), fitted.columns.shape[1]))
     block[fitted.rows] = fitted.columns
     values, vectors = np.linalg.eigh(fitted.rough)
-    held = np.sqrt(term.weight * np.maximum(values, 0.0))[:, None] * vectors.T
+    return held_beside(known, block, np.sqrt(term.weight * np.maximum(values, 0.0))[:, None] * vectors.T)
+
+
+def held_beside(known: LinearModel, columns: np.ndarray, held: np.ndarray) -> LinearModel:
+    """The linear model with columns (n, m) behind its own, and rows (k, m) of unit variance that hold their coefficients at nothing."""
     below = np.concatenate([np.zeros((len(held), known.columns.shape[1])), held], axis=1)
-    columns = np.concatenate([np.concatenate([known.columns, block], axis=1), below])
+    columns = np.concatenate([np.concatenate([known.columns, columns], axis=1), below])
     return replace(known, residual=np.append(known.residual, np.zeros(len(held))), columns=columns, bounds=None)

@@ -57,17 +57,30 @@ def test_it_is_asked_for_by_held_out_data_alone(monkeypatch: pytest.MonkeyPatch)
     assert structured(here, numerical()) == []
 
 
-@pytest.mark.parametrize(("errors", "gain", "told"), [(3.9, 0.04, False), (4.1, 0.04, True), (20.0, 0.031, True), (20.0, 0.029, False)])
+@pytest.mark.parametrize(
+    ("errors", "gain", "moved", "told"),
+    [
+        *((3.9, 0.04, (0.0, 0.0), False), (4.1, 0.04, (0.0, 0.0), True), (20.0, 0.031, (0.0, 0.0), True)),
+        *((20.0, 0.029, (0.0, 0.0), False), (20.0, 0.029, (5.1, 0.021), True), (3.9, 0.029, (5.1, 0.021), False)),
+        *((20.0, 0.029, (4.9, 0.021), False), (20.0, 0.029, (5.1, 0.019), False), (20.0, 0.004, (5.1, 0.021), False)),
+    ],
+)
 def test_held_out_data_ask_for_it_by_four_standard_errors_and_three_per_cent(
-    monkeypatch: pytest.MonkeyPatch, errors: float, gain: float, told: bool
+    monkeypatch: pytest.MonkeyPatch, errors: float, gain: float, moved: tuple[float, float], told: bool
 ) -> None:
     """Three, and half a per cent, are enough for a term of a channel in which blocks stand out. Here some kind of many has nearly four by
-    chance, and of many rows any small error of a model would be significant."""
+    chance, and of many rows any small error of a model would be significant. Less than three per cent is worth it where a parameter moves
+    by five of its standard errors, and by a fiftieth of its value."""
     here = wandering(4)
     known = module.everywhere_alike(here, here, cast(Any, SimpleNamespace(blocks=SimpleNamespace(channel="theta"))), {"theta": ("offset",)})
     assert known is not None
+    step, sigma = np.zeros(len(known.term.step)), np.full(len(known.term.step), 1e6)
+    first = here.case.parameters[here.case.parameters.free[0]]
+    if moved[0] > 0.0:
+        step[0], sigma[0] = -moved[1] * first, moved[1] * first / moved[0]
     proof = replace(known.term.proof, gain=gain, sigma=gain / errors)
-    monkeypatch.setattr(module, "everywhere_alike", lambda *_: replace(known, term=replace(known.term, proof=proof)))
+    term = replace(known.term, proof=proof, step=step, uncertainty=sigma)
+    monkeypatch.setattr(module, "everywhere_alike", lambda *_: replace(known, term=term))
     monkeypatch.setattr(module, "broad_basis", lambda *_: None)
     assert bool(structured(here, numerical())) is told
 

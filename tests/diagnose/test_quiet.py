@@ -15,6 +15,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.quiet import quiet, with_quiet
 from thermofit.diagnose.unlisted_field import Basis, roughness
+from thermofit.diagnose.unlisted_second import Second
 from thermofit.experiment.missing import Grid
 from thermofit.fit.budget import NOISE, QUIET, Budget
 from thermofit.fit.linear_model import LinearModel
@@ -115,6 +116,15 @@ def _kappa(of: Closed) -> float:
     """The standard error of a conductivity."""
     assert of.fit.sigma is not None
     return float(of.fit.sigma[1])
+
+
+def test_each_channel_adds_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    added = {"du": np.diag([4.0, 0.0, 0.0]), "dtheta": np.diag([9.0, 1.0, 0.0])}
+    monkeypatch.setattr(module, "quiet", lambda known, errors, case, one: Second({}, added[one.blocks.channel]))
+    before = closed(0.0)
+    after = with_quiet(before, None).fit.sigma
+    assert before.fit.sigma is not None and after is not None
+    assert after == pytest.approx(np.sqrt(before.fit.sigma**2 + [13.0, 1.0, 0.0]))
 
 
 def test_parameters_are_within_their_intervals() -> None:

@@ -126,20 +126,22 @@ def test_channels_of_which_nothing_is_told_are_asked_beside_it(monkeypatch: pyte
     known, term, case = made(("M_y0", "rate_power.K"))
     told = case.parameters.replace(M_y0=118.5)
     channels = {name: SimpleNamespace(blocks=SimpleNamespace(channel=name)) for name in ("du", "dtheta")}
-    asked = []
+    asked, places = [], []
 
-    def one(whole: LinearModel, errors: np.ndarray, there: Any, structure: Any) -> Second:
-        asked.append((whole.columns.shape[1], there.parameters, structure.blocks.channel))
-        return Second({"scale": 0.7}, np.diag(np.r_[0.09, 0.0, np.ones(whole.columns.shape[1] - 2)]))
+    def quiet(whole: LinearModel, errors: np.ndarray, there: Any, others: Any) -> list[Second]:
+        asked.append((whole.columns.shape[1], there.parameters, [one.blocks.channel for one in others]))
+        return [Second({"scale": 0.7}, np.diag([0.09, 0.0]))]
 
     monkeypatch.setattr(module, "beside_term", lambda *_: known)
     monkeypatch.setattr(module, "weighed", lambda *_: Second({"offset": 0.2}, np.zeros((2, 2))))
     monkeypatch.setattr(module, "structures", lambda *_: tuple(channels.values()))
-    monkeypatch.setattr(module, "quiet", one)
+    of_case = module.errors_of
+    monkeypatch.setattr(module, "errors_of", lambda there, columns: places.append(there.parameters) or of_case(there, columns))
+    monkeypatch.setattr(module, "quiet_histories", quiet)
     fields = {"parameters": told, "field": term, "structure": channels["dtheta"], "channel": "dtheta", "beside": ()}
     missing: Any = SimpleNamespace(**fields, settled=True, case=None)
     here: Any = SimpleNamespace(case=case, rows=None, problem=SimpleNamespace(model=SimpleNamespace(left=None)))
     found = beside_source(here, missing)
     assert isinstance(found, BesideSource) and found.second == {"offset": 0.2, "scale": 0.7}
-    assert asked == [(2 + len(term.q), told, "du")]
+    assert asked == [(2 + len(term.q), told, ["du"])] and places == [told]
     assert [found.sigma[n] for n in told.free] == pytest.approx([np.hypot(term.uncertainty[0], 0.3), term.uncertainty[1]])

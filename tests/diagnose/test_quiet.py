@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -37,11 +37,21 @@ def hats(kind: str, channel: str) -> Basis:
 KINDS = {"du": (hats("scale", "du"), hats("displacement", "du")), "dtheta": (hats("jaw_upper", "dtheta"), hats("heat", "dtheta"))}
 HISTORY = np.array([0.0, 0.3, 0.9, 1.4, 1.2, 0.8, 0.5, 0.2])
 SIZE = 0.4
+CASE: Any = SimpleNamespace(parameters=Parameters.of(dict.fromkeys(NAMES, 1.0), NAMES))
 JACOBIAN = np.zeros((N, 3))
 JACOBIAN[:80, 0] = DRAW.normal(size=80)
 # A conductivity does most of what the history of a jaw does.
 JACOBIAN[80:, 1] = KINDS["dtheta"][0].columns @ (HISTORY + np.array([0.5, -0.5, 0.7, -0.5, -0.7, 0.5, 0.5, -0.5]))
 JACOBIAN[80:, 2] = DRAW.normal(size=160)
+
+
+@dataclass(frozen=True)
+class Body:
+    """What is asked of a case."""
+
+    cheap: bool
+    model: Any
+    parameters: Parameters
 
 
 def closed(size: float, seed: int = 5, **case: Any) -> Closed:
@@ -55,12 +65,8 @@ def closed(size: float, seed: int = 5, **case: Any) -> Closed:
     made: dict[str, Any] = {"names": NAMES, "residual": at, "jacobian": JACOBIAN, "covariance": spread, "sigma": spread.sigma}
     made |= {"x": start.free_step, "at_bound": np.zeros(3, dtype=bool)}
     fit = FitResult(**{f: made.get(f) for f in FitResult.__dataclass_fields__})  # type: ignore[arg-type]
-    here: Any = SimpleNamespace(
-        case=SimpleNamespace(**{"cheap": False, "model": SimpleNamespace(missing=True), **case}),
-        rows=None,
-        problem=SimpleNamespace(model=SimpleNamespace(left=at)),
-    )
-    here.case.parameters = Parameters.of(dict.fromkeys(NAMES, 1.0), NAMES)
+    own = {"cheap": False, "model": SimpleNamespace(missing=True), "parameters": CASE.parameters}
+    here: Any = SimpleNamespace(case=Body(**own | case), rows=None, problem=SimpleNamespace(model=SimpleNamespace(left=at)))
     budget = Budget(NAMES, {NOISE: np.diag(spread.sigma)}, np.zeros(3, dtype=bool))
     return Closed((), here, here, fit, (), (), None, None, budget=budget)  # type: ignore[arg-type]
 
@@ -71,11 +77,12 @@ def test_an_error_of_the_mesh_is_no_history() -> None:
     known, structure = LinearModel(fit.residual, JACOBIAN), module.structures(None, None, None, None)[1]  # type: ignore[arg-type]
     mesh = np.zeros((N, 1))
     mesh[80:, 0] = SIZE * KINDS["dtheta"][0].columns @ HISTORY
-    bare, beside = (quiet(known, errors, None, structure) for errors in (np.zeros((N, 0)), mesh))  # type: ignore[arg-type]
+    bare, beside = (quiet(known, errors, CASE, structure) for errors in (np.zeros((N, 0)), mesh))  # type: ignore[arg-type]
     assert bare is not None and beside is not None and beside.covariance.shape == (3, 3)
     assert bare.likelihood["jaw_upper"] > 0.9 and sum(beside.likelihood.values()) < 0.3
-    longer = LinearModel(np.append(fit.residual, 0.0), np.vstack([JACOBIAN, np.zeros(3)]))
-    assert quiet(longer, mesh, None, structure).covariance == pytest.approx(beside.covariance, rel=0.02)  # type: ignore[arg-type, union-attr]
+    # Behind a term that is told stand its coefficients and the rows that hold them.
+    longer = LinearModel(np.append(fit.residual, 0.0), np.pad(JACOBIAN, ((0, 1), (0, 1))) + np.pad([[1.0]], ((N, 0), (3, 0))))
+    assert quiet(longer, mesh, CASE, structure).covariance == pytest.approx(beside.covariance, rel=0.02)  # type: ignore[arg-type, union-attr]
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +91,7 @@ def _channels(monkeypatch: pytest.MonkeyPatch) -> None:
     channels = [SimpleNamespace(blocks=SimpleNamespace(channel=name)) for name in KINDS]
     monkeypatch.setattr(module, "structures", lambda *_: channels)
     monkeypatch.setattr(module, "errors_of", lambda *_: np.zeros((N, 0)))
-    monkeypatch.setattr(module, "histories", lambda case, one, most: {b.kind: b for b in KINDS[one.blocks.channel][:1]})
+    monkeypatch.setattr(module, "histories", lambda case, one, most: {b.kind: b for b in KINDS[one.blocks.channel][: most == 48]})
     monkeypatch.setattr(module, "broad_basis", lambda case, one: KINDS[one.blocks.channel][1])
 
 
@@ -104,12 +111,12 @@ def test_a_quiet_history_widens_what_it_moves() -> None:
 
 def test_both_channels_are_asked_and_terms_of_any_place_too(monkeypatch: pytest.MonkeyPatch) -> None:
     known = LinearModel(closed(0.0).fit.residual, JACOBIAN)
-    asked = [quiet(known, np.zeros((N, 0)), None, one) for one in module.structures(None, None, None, None)]  # type: ignore[arg-type]
+    asked = [quiet(known, np.zeros((N, 0)), CASE, one) for one in module.structures(None, None, None, None)]  # type: ignore[arg-type]
     assert [set(found.likelihood) for found in asked if found is not None] == [{"scale", "displacement"}, {"jaw_upper", "heat"}]
     monkeypatch.setattr(module, "histories", lambda *_, **__: {})
     monkeypatch.setattr(module, "broad_basis", lambda *_: None)
     one = closed(SIZE)
-    assert quiet(known, np.zeros((N, 0)), None, None) is None and with_quiet(one, None) is one  # type: ignore[arg-type]
+    assert quiet(known, np.zeros((N, 0)), CASE, None) is None and with_quiet(one, None) is one  # type: ignore[arg-type]
 
 
 def _kappa(of: Closed) -> float:

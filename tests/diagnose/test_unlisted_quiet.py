@@ -15,11 +15,13 @@ from thermofit.diagnose import unlisted as module
 from thermofit.diagnose import unlisted_loop as loop
 from thermofit.diagnose.held_out import Rows
 from thermofit.diagnose.loop import Closed
+from thermofit.diagnose.quiet import quiet
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import standing, structured
 from thermofit.diagnose.unlisted_structure import Structure, structures
 
 AMOUNT = 0.3 * SIGMA
+N_STRIP = len(numerical())
 
 
 def wandering(seed: int, amount: float = AMOUNT) -> Traced:
@@ -94,6 +96,30 @@ def test_histories_of_few_hats_are_asked_for(monkeypatch: pytest.MonkeyPatch) ->
     here: Any = SimpleNamespace(case=SimpleNamespace(model=SimpleNamespace(missing=missing)))
     assert module.asked_for(here, cast(Any, None)) is None
     assert asked == [({"theta": ("flux", "jaws")}, 48), ({"theta": ("offset",), "u": ("strain",)}, 48)]
+
+
+@pytest.mark.parametrize("seed", [20, 21, 22])
+def test_quiet_histories_are_told_from_an_error_of_the_mesh(seed: int) -> None:
+    """A finer strip looks like an offset of the camera; beside the error of the mesh none is likely. A camera that wanders is, beside that
+    error too."""
+    for amount, mesh, likely in (
+        (0.0, np.zeros((N_STRIP, 0)), True),
+        (0.0, numerical()[:, None], False),
+        (AMOUNT, numerical()[:, None], True),
+    ):
+        here = wandering(seed, amount)
+        (one,) = structures(here.case, here.rows, here.problem.model.left, None)
+        found = quiet(here.problem.model, mesh, here.case, one)
+        assert found is not None and set(found.likelihood) == {"flux", "offset", "heat"}
+        assert (found.likelihood["offset"] > 0.9) is likely and (sum(found.likelihood.values()) < 0.3) is not likely, found.likelihood
+        assert found.covariance.shape == (2, 2)
+
+
+def test_quiet_histories_have_no_more_hats_than_a_coupon_has() -> None:
+    here = wandering(4)
+    (one,) = structures(here.case, here.rows, here.problem.model.left, None)
+    assert {kind: hat.columns.shape[1] for kind, hat in module.histories(here.case, one, most=7).items()} == {"flux": 7, "offset": 7}
+    assert all(hat.columns.shape[1] > 48 for hat in module.histories(here.case, one).values())
 
 
 def test_what_no_block_shows_is_asked_for_in_the_stead_of_effects(monkeypatch: pytest.MonkeyPatch) -> None:

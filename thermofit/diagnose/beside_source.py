@@ -20,7 +20,7 @@ from thermofit.core.errors import NumericsError
 from thermofit.diagnose.beside_form import moves_of_form
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.combined import errors_of
-from thermofit.diagnose.quiet import quiet
+from thermofit.diagnose.quiet import quiet_histories
 from thermofit.diagnose.rescored import on_its_motion, protected_at, shown_rows
 from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.trial import held_exponents
@@ -107,7 +107,7 @@ def _beside(here: Traced, missing: Unlisted | None) -> BesideSource | None:
             return None
         free = moved.case.parameters.free
         _, columns = case.model.linearised(moved.case.parameters, free)
-        errors = errors_of(case, moved.case.parameters, columns)
+        errors = errors_of(replace(case, parameters=moved.case.parameters), columns)
         thermal = acting_on_temperatures(found.parameters.free)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted heat are not known ({error})")
@@ -151,16 +151,14 @@ def beside_one_place(case: Case, missing: Unlisted, others: Sequence[Structure] 
     there = replace(case, parameters=parameters)
     try:
         residual, columns = case.model.linearised(parameters, parameters.free)
-        errors = errors_of(case, parameters, columns)
+        errors = errors_of(there, columns)
         known = beside_term(LinearModel(residual, columns), case, parameters, term)
         second = weighed(known, case, missing.structure, term, parameters)
-        whole = with_term(known, term)
-        silent = [found for one in others if (found := quiet(whole, errors, there, one)) is not None]
+        silent = quiet_histories(with_term(known, term), errors, there, others)
         form, untold = moves_of_form(known, term, there, missing.beside)
     except NumericsError as error:
         return BesideSource({}, {}, f"parameters beside the unlisted {term.basis.kind} are not known ({error})")
-    p = len(term.uncertainty)
-    noise = np.sqrt(term.uncertainty**2 + sum((np.diag(one.covariance)[:p] for one in silent), np.diag(second.covariance)))
+    noise = np.sqrt(term.uncertainty**2 + sum(np.diag(one.covariance) for one in (second, *silent)))
     likely = {kind: part for one in (second, *silent) for kind, part in one.likelihood.items()}
     sigma = _together(noise, np.concatenate([moves_beside(known, term, errors), form], axis=1))
     values = {n: parameters[n] for n in parameters.free}

@@ -14,6 +14,7 @@ unlisted, the other channels are asked beside it (`beside_source`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,6 @@ from thermofit.core.errors import NumericsError
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.combined import errors_of, with_wider
 from thermofit.diagnose.loop import Closed
-from thermofit.diagnose.trace import Traced
 from thermofit.diagnose.unlisted import IN_TIME, LIKELIER, Unlisted, broad_basis, has_parameters, histories
 from thermofit.diagnose.unlisted_second import Second, held_beside, mixed
 from thermofit.diagnose.unlisted_structure import Structure, structures
@@ -30,7 +30,6 @@ from thermofit.diagnose.widened import most_widened, widened
 from thermofit.experiment.missing import KINDS
 from thermofit.fit.budget import QUIET
 from thermofit.fit.linear_model import LinearModel
-from thermofit.fit.result import FitResult
 from thermofit.records.progress import progress
 
 RARE = 0.05
@@ -41,13 +40,14 @@ def with_quiet(closed: Closed, missing: Unlisted | None) -> Closed:
     """The loop's result with standard errors that know what histories which nothing tells may make of the parameters of a body, and a
     remark where one is likelier than not; the same where parameters are told beside something unlisted, or none is widened. Where a
     run for it fails, a remark says so."""
-    here, fit = closed.last, closed.fit
-    if here.case.cheap or fit.covariance is None or fit.jacobian is None or here.case.model.missing is None:
+    here, fit, case = closed.last, closed.fit, closed.last.case
+    if case.cheap or fit.covariance is None or fit.jacobian is None or case.model.missing is None or has_parameters(missing):
         return closed
-    if has_parameters(missing):
-        return closed
+    there = replace(case, parameters=case.parameters.with_free(fit.names))
     try:
-        found = quiet_of(here, fit)
+        errors = errors_of(there, fit.jacobian)
+        channels = structures(case, here.rows, here.problem.model.left, None)
+        found = quiet_histories(LinearModel(fit.residual, fit.jacobian), errors, there, channels)
     except NumericsError as error:
         words = f"what histories that nothing tells may make of the parameters is not known: a run failed ({error})"
         return replace(closed, remarks=(*closed.remarks, words))
@@ -65,31 +65,29 @@ def with_quiet(closed: Closed, missing: Unlisted | None) -> Closed:
     return replace(closed, remarks=(*closed.remarks, f"{words}: too small to be told, and not excluded"))
 
 
-def quiet_of(here: Traced, fit: FitResult) -> list[Second]:
-    """The quiet histories of all channels beside a fit that ends at a trace. NumericsError where a run fails."""
-    assert fit.jacobian is not None, "it was asked of a fit that has one"
-    known, found = LinearModel(fit.residual, fit.jacobian), list[Second]()
-    errors = errors_of(here.case, here.case.parameters.with_free(fit.names), fit.jacobian)
-    with progress("quiet histories", None) as advance:
-        for structure in structures(here.case, here.rows, here.problem.model.left, None):
-            advance(1, structure.blocks.channel)
-            one = quiet(known, errors, here.case, structure)
-            found += [] if one is None else [one]
+def quiet_histories(known: LinearModel, errors: np.ndarray, case: Case, channels: Sequence[Structure]) -> list[Second]:
+    """The quiet histories of channels that have any (`quiet`). NumericsError where a run fails."""
+    found = list[Second]()
+    with progress("quiet histories", len(channels)) as advance:
+        for one in channels:
+            second = quiet(known, errors, case, one)
+            found += [] if second is None else [second]
+            advance(1, one.blocks.channel)
     return found
 
 
 def quiet(known: LinearModel, errors: np.ndarray, case: Case, structure: Structure) -> Second | None:
-    """How likely every kind of history is that a channel may have, and the term of any place, beside all that a linear model of a case
-    fits, and E (p, p); None where there is no kind of which anything would show. NumericsError where a run fails.
+    """How likely every kind of history is that a channel may have, and the term of any place, and E (p, p) of the fitted parameters of a
+    case; None where there is no kind of which anything would show. NumericsError where a run fails.
 
-    `errors` (n, m): what may be left of the errors of mesh and steps, and what else counts as exact, as one standard error each. They are
-    free beside: what they could make is no history."""
+    `known`: the linear model of the parameters, with what else is fitted behind them. `errors` (n, m): what may be left of the errors of
+    mesh and steps, and what else counts as exact, as one standard error each. They are free beside: what they could make is no history."""
     kinds, broad = histories(case, structure, most=IN_TIME), broad_basis(case, structure)
     if broad is not None:
         kinds[broad.kind] = broad
     if not kinds:
         return None
-    p, m = known.columns.shape[1], errors.shape[1]
+    p, m = len(case.parameters.free), errors.shape[1]
     longer = np.pad(errors, ((0, len(known.residual) - len(errors)), (0, 0)))  # rows that hold a term know nothing of them
     found = mixed(held_beside(known, longer, np.eye(m)), kinds, RARE)
     return replace(found, covariance=found.covariance[:p, :p])

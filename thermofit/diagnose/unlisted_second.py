@@ -10,7 +10,8 @@ beside k, and C_k and C their covariance with it and without, they are off by
 
     E = sum_k p_k (C_k - C + d_k d_k^T),
 
-mean square: that of a mixture of models about one of them (Hoeting et al., Statistical Science 14, 1999).
+mean square: that of a mixture of models about one of them (Hoeting et al., Statistical Science 14, 1999). Where any of K kinds together
+is less likely than none before the data speak, by b to 1 - b, L_k / K times that ratio stands for L_k (`quiet`).
 """
 
 from __future__ import annotations

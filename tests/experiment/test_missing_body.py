@@ -162,14 +162,15 @@ def test_answer_of_a_term_of_no_place_is_that_of_a_run_with_its_effect_file(
         assert np.abs(change).max() > 1e-3
         if channel == "du":
             assert np.abs(told - change).max() < 1e-5 * np.abs(change).max()
-        else:  # it is held back a little by what is colder at its side, and bends
-            assert told @ change / (change @ change) == pytest.approx(1.0, abs=0.08) and np.corrcoef(told, change)[0, 1] > 0.97
+        else:  # from a jaw it is held back a little by what is colder at its side, and bends
+            near, alike = (0.06, 0.97) if kind.startswith("jaw") else (0.006, 0.9998)
+            assert told @ change / (change @ change) == pytest.approx(1.0, abs=near) and np.corrcoef(told, change)[0, 1] > alike
 
 
 @pytest.mark.parametrize("stretch", [0.0, 0.25])
 def test_a_stretched_specimen_expands_by_its_length_now(stretch: float) -> None:
-    """Between the ends of what is observed by alpha_exp times the mean temperature and the length there."""
-    missing, base = model(study()).missing, Parameters.of(TRUTH)
+    """Between the ends of what is observed by alpha_exp times the mean temperature and the length there, where nothing flows."""
+    missing, base = model(study()).missing, Parameters.of({**TRUTH, "M_y0": 900.0, "M_yinf": 950.0})
     assert isinstance(missing, BodyMissing)
     history, seen = missing.history(base), missing.instruments.observations
     u = history.u.copy()

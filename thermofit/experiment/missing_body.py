@@ -5,7 +5,7 @@ whose scale drifts."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +22,7 @@ from thermofit.body.solve.history import History
 from thermofit.core.parameters import Parameters, param
 from thermofit.effects.film_exchange import FILM_UNIT
 from thermofit.experiment.forward import MechanicalRun
-from thermofit.experiment.free_expansion import CrossSections, sections_of
+from thermofit.experiment.free_expansion import CrossSections, Expansion, Flow, FlowOfRun, sections_of
 from thermofit.experiment.instruments import Instruments, carried
 from thermofit.experiment.known_motion import freely_expanding, keeping_points
 from thermofit.experiment.missing import KINDS, Grid, place_hats, spot_values, time_hats
@@ -61,6 +61,8 @@ class BodyMissing:
     instruments: Instruments
     whole: MechanicalRun
     kept: dict[tuple[tuple[str, float], ...], History]
+    flows: dict[tuple[tuple[str, float], ...], Flow] = field(default_factory=dict)
+    """How much further the specimen flows as it warms, by parameters, as `kept`."""
 
     @property
     def kinds(self) -> Mapping[str, str]:
@@ -167,7 +169,7 @@ class BodyMissing:
         if kind not in HEATING:
             return {}
         history = self.history(parameters, points=kind == "film")
-        first = self._warmed(parameters, history, kind, grid, chosen, amount)
+        first, flow = self._warmed(parameters, history, kind, grid, chosen, amount), self.flow(parameters) if grid.places == 1 else None
         found = {field: [np.zeros((*value.shape[:3], 0))] for field, value in first.items()}
         problem = freely_expanding(self.whole, history) if kind == "film" and names else None
         apart = 0.0 if problem is None else history.theta - heat_run(problem, parameters)
@@ -175,8 +177,8 @@ class BodyMissing:
             step = SMALL * max(abs(parameters[name]), param(name).scale)
             moved = parameters.replace(**{name: parameters[name] + step})
             there = history if problem is None else replace(history, theta=heat_run(problem, moved) + apart)
-            for field, value in self._warmed(moved, there, kind, grid, chosen, amount).items():
-                found[field].append((value - first[field]) / step)
+            for seen, value in self._warmed(moved, there, kind, grid, chosen, amount, flow).items():
+                found[seen].append((value - first[seen]) / step)
         return {field: np.concatenate(columns, axis=-1) for field, columns in found.items()}
 
     def volumes(self, grid: Grid) -> np.ndarray | None:
@@ -203,8 +205,33 @@ class BodyMissing:
         key = _key(parameters)
         if key not in self.kept or (points and not self.kept[key].points):
             self.kept.clear()
-            self.kept[key] = keeping_points(self.whole)(parameters) if points else self.instruments.run(parameters)
+            run, flow = keeping_points(self.whole) if points else self.instruments.run, self._flow_of(parameters)
+            self.kept[key] = run(parameters) if flow is None else run(parameters, flow.watch)
+            self._keep(key, flow)
         return self.kept[key]
+
+    def flow(self, parameters: Parameters) -> Flow | None:
+        """How much further the specimen flows at the parameters as it warms; None of one that does not expand freely, or is not seen to.
+        NumericsError where a run fails."""
+        key = _key(parameters)
+        found = None if key in self.flows else self._flow_of(parameters)
+        if found is not None:
+            self.whole(parameters, found.watch)
+            self._keep(key, found)
+        return self.flows.get(key)
+
+    def _flow_of(self, parameters: Parameters) -> FlowOfRun | None:
+        """What collects the flow of a run of the whole at the parameters."""
+        sections = self._expands()
+        if sections is None:
+            return None
+        return FlowOfRun(sections, self.body.mesh.nodes, parameters["alpha_exp"], len(self.whole.time))
+
+    def _keep(self, key: tuple[tuple[str, float], ...], found: FlowOfRun | None) -> None:
+        """Keep what a run has collected, and nothing else."""
+        self.flows.clear()
+        if found is not None:
+            self.flows[key] = found.flow
 
     def on(self, history: History, parameters: Parameters) -> BodyMissing:
         """The same, which has run at these parameters."""
@@ -246,18 +273,24 @@ class BodyMissing:
         grid: Grid,
         chosen: np.ndarray,
         amount: np.ndarray | None = None,
+        flow: Flow | None = None,
     ) -> dict[str, np.ndarray]:
         """Change (n_t, n_s, n_c, m) of temperatures, and of the displacements of what expands freely, by unit coefficients on a known
-        motion; m = 1 by all with an `amount` (m,). Where a term of many places is, temperatures alone tell."""
+        motion; m = 1 by all with an `amount` (m,). Where a term of many places is, temperatures alone tell. `flow`: that of other
+        parameters, in the stead of these."""
         columns = len(chosen) if amount is None else 1
         loads = None if kind in OF_SURFACE else nodal_heat(self.body, self._places(grid))
         sections = self._expands() if grid.places == 1 else None
-        at = {"theta": np.arange(len(history.time)), **({} if sections is None else {"u": self.instruments.samplers["u"].index})}
+        flow = None if sections is None else flow or self.flow(parameters)
+        expands = None if sections is None or flow is None else Expansion(sections, flow, parameters["alpha_exp"])
+        at = {"theta": np.arange(len(history.time)), **({} if expands is None else {"u": self.instruments.samplers["u"].index})}
         full = {name: np.zeros((len(n), *self.instruments.observations[name].value.shape[1:], columns)) for name, n in at.items()}
         for n, theta in self._marched(parameters, history, grid, kind if loads is None else loads, chosen, amount):
             full["theta"][n] = self.instruments.samplers["theta"].temperature_rates(theta)
-            if sections is not None and (at["u"] == n).any():
-                moved = sections.expansion(self.body.mesh.nodes + history.u[n], theta, parameters["alpha_exp"])
+            seen = expands is not None and bool((at["u"] == n).any())
+            if expands is not None and (seen or expands.last[n]):
+                moved = expands.at(n, self.body.mesh.nodes + history.u[n], theta)
+            if seen:
                 shown = self.instruments.samplers["u"].operator.displacement(moved.transpose(2, 0, 1))
                 full["u"][at["u"] == n] = shown.transpose(1, 2, 0)
         return {name: self._through_camera(name, parameters, history, value) for name, value in full.items()}

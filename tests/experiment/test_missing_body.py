@@ -186,6 +186,28 @@ def test_a_stretched_specimen_expands_by_its_length_now(stretch: float) -> None:
     assert longer[1:] == pytest.approx(base["alpha_exp"] * mean[1:] * length, rel=0.02)
 
 
+def test_what_has_flowed_last_is_told_though_no_stage_is_there() -> None:
+    """Displacements of the stages after the largest force are the same whether one was taken there or not."""
+    missing, base = model(study()).missing, Parameters.of(TRUTH)
+    assert isinstance(missing, BodyMissing)
+    instruments, flow = missing.instruments, missing.flow(base)
+    assert flow is not None
+    largest = int(np.flatnonzero(flow.last)[-1])
+    seen, look = instruments.observations["u"], instruments.samplers["u"]
+    rows = np.flatnonzero(look.index != largest)
+    assert len(rows) == len(look.index) - 1 and rows[-1] > largest
+    fewer = replace(seen, time=seen.time[rows], value=seen.value[rows], sigma=seen.sigma[rows], mask=seen.mask[rows])
+    less = replace(
+        instruments,
+        observations={**instruments.observations, "u": fewer},
+        samplers={**instruments.samplers, "u": replace(look, index=look.index[rows])},
+    )
+    grid = missing.grid("flux", (6, 1, 1))
+    asked = "flux", base, grid, np.arange(grid.size)
+    every, found = (one.answers(*asked)["u"] for one in (missing, replace(missing, instruments=less)))
+    assert np.abs(every[-1]).max() > 0.0 and found == pytest.approx(every[rows], abs=1e-12 * np.abs(every).max())
+
+
 def test_a_specimen_whose_end_is_moved_does_not_expand_freely() -> None:
     """Its ends stay where they are; nor is there anything to see where displacements are not observed."""
     missing, base = model(study()).missing, Parameters.of(TRUTH)

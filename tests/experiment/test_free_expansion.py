@@ -40,12 +40,12 @@ def sections() -> CrossSections:
 
 
 def flow(along: Any, across: Any, flowing: Any) -> Flow:
-    """Of every piece and section the same, by the times (n_t,)."""
-    each = [np.repeat(np.asarray(v)[:, None], n, axis=1) for v, n in ((along, 12), (across, 13), (flowing, 12))]
+    """Of every piece and section the same, by the times (n_t,): what comes of expansion, and what of a lower yield stress."""
+    each = [np.repeat(np.asarray(v)[..., None], n, axis=-1) for v, n in ((along, 12), (across, 13), (flowing, 12))]
     return Flow(each[0], each[1], each[2].astype(bool))
 
 
-STILL = flow([0.0], [0.0], [False])
+STILL = flow([[0.0], [0.0]], [[0.0], [0.0]], [False])
 
 
 def test_it_is_the_strain_integrated_from_the_end_that_stays() -> None:
@@ -70,8 +70,11 @@ def test_a_mesh_that_is_not_made_of_rows_has_no_sections() -> None:
 
 
 def test_what_has_flowed_stays_where_nothing_flows_and_follows_the_temperature_where_it_does() -> None:
-    """Warm, flowing, by g = 2 along and -0.5 across; cooler and not flowing; flowing again with another g."""
-    warms = Expansion(sections(), flow([0.0, 2.0, 9.0, 3.0], [0.0, -0.5, 9.0, -0.7], [0, 1, 0, 1]), ALPHA)
+    """Warm, flowing, by 2 of the thermal strain along and -0.5 across, a half of it by its yield stress; cooler and not flowing; flowing
+    again with another g."""
+    by_yield = ALPHA * np.array([0.0, 1.0, 9.0, 0.0])
+    along, across = [[0.0, 1.0, 9.0, 3.0], by_yield], [[0.0, -0.25, 9.0, -0.7], -0.25 * by_yield]
+    warms = Expansion(sections(), flow(along, across, [0, 1, 0, 1]), ALPHA)
     told = [warms.at(n, NODES, np.full((len(NODES), 1), warmer)) for n, warmer in enumerate((4.0, 4.0, 1.0, 1.0))]
     assert [u[-1, 1, 0] / (ALPHA * 60.0) for u in told] == pytest.approx([4.0, 4.0 + 8.0, 1.0 + 8.0, 1.0 + 3.0])
     assert [u[-1, 0, 0] / (ALPHA * 5.0) for u in told] == pytest.approx([4.0, 4.0 - 2.0, 1.0 - 2.0, 1.0 - 0.7])
@@ -83,7 +86,7 @@ def test_a_piece_flows_that_has_a_point_that_does_and_a_section_beside_it() -> N
     after[3, 5] = 0.1001
     found = sections().flows(before, after)
     assert np.flatnonzero(found).tolist() == [3]
-    assert np.flatnonzero(Flow(np.zeros((1, 12)), np.zeros((1, 13)), found[None]).at_sections[0]).tolist() == [3, 4]
+    assert np.flatnonzero(Flow(np.zeros((2, 1, 12)), np.zeros((2, 1, 13)), found[None]).at_sections[0]).tolist() == [3, 4]
 
 
 def bar() -> tuple[Body, MechanicalRun]:
@@ -93,11 +96,13 @@ def bar() -> tuple[Body, MechanicalRun]:
     return specimen, MechanicalRun(specimen, Loading(TIME, FORCE), march_settings(study(), "full"))
 
 
-def test_it_is_what_a_coupled_run_does_with_a_source_at_a_place() -> None:
+@pytest.mark.parametrize(("softens", "within", "most"), [(0.0, 0.02, 0.4), (0.0005, 0.08, 0.9)])
+def test_it_is_what_a_coupled_run_does_with_a_source_at_a_place(softens: float, within: float, most: float) -> None:
     """A source from 20 s on in one half: the change of length of a window within 2 % of the largest, to the end of the test, where what
-    expands and flows no further for it is off by 40 % of it and more."""
+    expands and flows no further for it is off by 40 % of it and more. The same within 8 % of a
+    yield stress that falls by 0.05 % per K, where it is off by nine tenths of it."""
     specimen, run = bar()
-    across, base = sections_of(specimen), Parameters.of(TRUTH)
+    across, base = sections_of(specimen), Parameters.of({**TRUTH, "thermal_softening.slope": softens})
     assert across is not None
     watched = FlowOfRun(across, specimen.mesh.nodes, base["alpha_exp"], len(TIME))
     plain = run(base, watched.watch)
@@ -115,8 +120,8 @@ def test_it_is_what_a_coupled_run_does_with_a_source_at_a_place() -> None:
     still = replace(watched.flow, flowing=np.zeros_like(watched.flow.flowing))
     stiff = longer(Expansion(across, still, base["alpha_exp"]))
     assert true.max() > 1e-4
-    assert np.abs(found - true).max() < 0.02 * true.max()
-    assert np.abs(stiff - true).max() > 0.4 * true.max()
+    assert np.abs(found - true).max() < within * true.max()
+    assert np.abs(stiff - true).max() > most * true.max()
 
 
 def test_it_is_that_of_a_bar() -> None:
@@ -130,15 +135,16 @@ def test_it_is_that_of_a_bar() -> None:
     height = np.array([across.lengths(specimen.mesh.nodes + u)[middle] for u in history.u])
     rows = slice(5, 15)
     by_force = np.gradient(np.log(height[rows]), FORCE[rows]) * FORCE[rows]
-    assert np.abs(watched.flow.along[:3, middle]).max() < 0.01
+    further = watched.flow.along[0, :, middle]
+    assert np.abs(further[:3]).max() < 0.01 and np.abs(watched.flow.along[1]).max() < 0.02 * base["alpha_exp"]
     assert watched.flow.flowing[rows, middle].all() and not watched.flow.flowing[15:, middle].any()
-    assert watched.flow.along[rows, middle][1:-1] == pytest.approx(by_force[1:-1], rel=0.1)
+    assert further[rows][1:-1] == pytest.approx(by_force[1:-1], rel=0.12)
 
 
-def test_a_body_that_does_not_expand_flows_no_further() -> None:
+def test_a_body_that_does_not_expand_and_does_not_soften_flows_no_further() -> None:
     specimen, run = bar()
     across, base = sections_of(specimen), Parameters.of({**TRUTH, "alpha_exp": 0.0})
     assert across is not None
-    watched = FlowOfRun(across, specimen.mesh.nodes, base["alpha_exp"], len(TIME))
+    watched = FlowOfRun(across, specimen.mesh.nodes, 0.0, len(TIME))
     run(base, watched.watch)
-    assert not watched.flow.along.any() and not watched.flow.across.any() and watched.flow.flowing.any()
+    assert np.abs(watched.flow.along).max() < 1e-9 and np.abs(watched.flow.across).max() < 1e-9 and watched.flow.flowing.any()

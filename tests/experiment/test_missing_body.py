@@ -271,7 +271,7 @@ def test_both_jaws_are_the_upper_and_the_lower_one() -> None:
 def test_slopes_of_a_term_on_a_known_motion_are_of_second_order(kind: str, shift: float) -> None:
     """Taylor test: what all parameters change of what the term adds, at two sizes of a step; a quarter of the remainder for half a step.
     Also where the camera has no pose yet. None of what does not run through the heat equation. What a film lets out goes with the
-    temperatures of a heat run of these parameters on that motion."""
+    temperatures of a heat run of these parameters on that motion. How much further the specimen flows as it warms is that of the run."""
     joint = model(study())
     assert isinstance(joint.missing, BodyMissing)
     base = Parameters.of({**TRUTH, "ir_registration.shift_y": shift})
@@ -293,8 +293,8 @@ def test_slopes_of_a_term_on_a_known_motion_are_of_second_order(kind: str, shift
         assert isinstance(joint.missing, BodyMissing)
         moved = base.replace(**{n: base[n] + part * d for n, d in zip(names, direction, strict=True)})
         warm = heat_run(problem, moved) - heat_run(problem, base) if kind == "film" else 0.0
-        kept = {tuple(sorted(moved.values.items())): replace(history, theta=history.theta + warm)}
-        on_it = replace(joint.missing, kept=kept)
+        key, flow = tuple(sorted(moved.values.items())), joint.missing.flow(base)
+        on_it = replace(joint.missing, kept={key: replace(history, theta=history.theta + warm)}, flows={} if flow is None else {key: flow})
         change = shown(on_it, moved, field) - shown(joint.missing, base, field)
         return float(np.abs(change - part * (slopes[field] @ direction)).max() / np.abs(change).max())
 

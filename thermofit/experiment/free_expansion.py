@@ -3,12 +3,13 @@
 Thermal strain is alpha_exp (theta - theta_ref) in every direction and adds to the strain that the force makes (4.4). In a specimen that is
 pulled by a force nothing holds it back but what is colder at its side. Where that is taken for nothing, the strain of a section is
 
-    de_y = alpha_exp dtheta (1 + g_y),    de_x = alpha_exp dtheta (1 + g_x),    du_y(y) = int de_y dy,    du_x = de_x x,
+    de_y = (alpha_exp (1 + g_y) + s_y) dtheta,    du_y(y) = int de_y dy,    du_x = (alpha_exp (1 + g_x) + s_x) dtheta x,
 
 dtheta the mean over the section, y and x where the material is now, from the end that does not move. A section that yields flows further
-as it warms, for the force then pulls at the same area of a longer piece. Of a bar, P e^(e + alpha_exp dtheta) = tau(e) with the nominal
-stress P gives g_y = P / (dP/de), which is large where the force hardly grows. g is that of the run (`Flow`). What has flowed stays where
-the section flows no longer, and follows dtheta again where it does.
+as it warms, for the force then pulls at the same area of a longer piece, and its yield stress may fall. Of a bar,
+P e^(e + alpha_exp dtheta) = tau(e, theta) with the nominal stress P gives g_y = P / (dP/de) and s_y = -e^-e (dtau/dtheta) / (dP/de), which
+are large where the force hardly grows. Both are those of the run (`Flow`). What has flowed stays where the section flows no longer, and
+follows dtheta again where it does.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ DIGITS = 6
 """Digits of a mm by which nodes are on different sections."""
 LEAST_NODES = 4
 """Nodes of a section of a mesh of bricks at least; a mesh with fewer at one height has no sections."""
+
+ALONG = ("theta_ref", "theta_air", "theta_clamp")
+"""What a run is differentiated along: with all of them higher a specimen is warmer by as much."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,9 @@ class CrossSections:
 
 @dataclass(frozen=True)
 class Flow:
-    """How much further a specimen flows as it warms, at the times of its run: `along` (n_t, n - 1) g_y of the pieces between sections,
-    `across` (n_t, n) g_x of the sections, and whether a piece flows (n_t, n - 1) in the step that ends there."""
+    """How much further a specimen flows as it warms, at the times of its run: `along` (2, n_t, n - 1) g_y and s_y in 1/K of the pieces
+    between sections, `across` (2, n_t, n) g_x and s_x of the sections, and whether a piece flows (n_t, n - 1) in the step that ends there.
+    """
 
     along: np.ndarray
     across: np.ndarray
@@ -76,34 +81,41 @@ class Flow:
 
 
 class FlowOfRun:
-    """Collects the `Flow` of a run that is differentiated along theta_ref: a specimen whose stress-free temperature is 1 K lower is 1 K
-    warmer, and has the heat that it had."""
+    """Collects the `Flow` of a run that is differentiated along theta_ref, the temperature of air and that of the jaws. With all three 1 K
+    higher a specimen is 1 K warmer at all times and expands no more; with theta_ref 1 K lower it expands as one that is warmer."""
 
     def __init__(self, sections: CrossSections, position: np.ndarray, alpha_exp: float, n_times: int) -> None:
         """`position` (n_np, 3) mm of the nodes at rest."""
         n = len(sections.count)
         self._sections, self._position, self._alpha = sections, position, alpha_exp
-        self.flow = Flow(np.zeros((n_times, n - 1)), np.zeros((n_times, n)), np.zeros((n_times, n - 1), dtype=bool))
+        self.flow = Flow(np.zeros((2, n_times, n - 1)), np.zeros((2, n_times, n)), np.zeros((n_times, n - 1), dtype=bool))
         self._accumulated = np.zeros(0)
 
     @property
     def watch(self) -> Watch:
         """What has a run collected."""
-        return Watch(sensitivities=Sensitivities(("theta_ref",), lambda n, at: None), state=self._passed)
+        return Watch(sensitivities=Sensitivities(ALONG, lambda n, at: None), state=self._passed)
 
     def _passed(self, n: int, state: State) -> None:
-        """Take the state at recorded time n. A body that does not expand flows no further."""
+        """Take the state at recorded time n."""
         accumulated = state.points[:, :, LAMBDA].copy()
         if n > 0:
             self.flow.flowing[n] = self._sections.flows(self._accumulated, accumulated)
         self._accumulated = accumulated
         assert state.rates is not None, "the run is differentiated"
-        if self._alpha == 0.0:
-            return
-        there, moved, sections = self._position + state.u, -state.rates.u[:, :2, 0], self._sections
-        longer = np.diff(sections.mean(moved[:, 1:])[:, 0]) / sections.lengths(there)
-        wider = sections.mean(moved[:, :1] * there[:, :1])[:, 0] / sections.mean(there[:, :1] ** 2)[:, 0]
-        self.flow.along[n], self.flow.across[n] = longer / self._alpha - 1.0, wider / self._alpha - 1.0
+        there, rates, every = self._position + state.u, state.rates, slice(len(ALONG))
+        warmer = self._sections.mean(rates.theta[:, every].sum(axis=1)[:, None])[:, 0]
+        longer, wider = self._strains(there, rates.u[:, :2, every].sum(axis=2))
+        self.flow.along[1, n], self.flow.across[1, n] = longer / (0.5 * (warmer[1:] + warmer[:-1])), wider / warmer
+        if self._alpha > 0.0:
+            longer, wider = self._strains(there, -rates.u[:, :2, ALONG.index("theta_ref")])
+            self.flow.along[0, n], self.flow.across[0, n] = longer / self._alpha - 1.0, wider / self._alpha - 1.0
+
+    def _strains(self, there: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Strains (n - 1,) of the pieces and (n,) across the sections by what moves nodes that are there (n_np, 3), (n_np, 2)."""
+        longer = np.diff(self._sections.mean(moved[:, 1:])[:, 0]) / self._sections.lengths(there)
+        wide = self._sections.mean(there[:, :1] ** 2)[:, 0]
+        return longer, self._sections.mean(moved[:, :1] * there[:, :1])[:, 0] / wide
 
 
 class Expansion:
@@ -111,6 +123,7 @@ class Expansion:
 
     def __init__(self, sections: CrossSections, flow: Flow, alpha_exp: float) -> None:
         self._sections, self._flow, self._alpha = sections, flow, alpha_exp
+        self._longer, self._wider = (alpha_exp * of[0] + of[1] for of in (flow.along, flow.across))
         self._at_sections = flow.at_sections
         self.last = flow.last
         self._along: np.ndarray | float = 0.0
@@ -119,15 +132,15 @@ class Expansion:
     def at(self, n: int, position: np.ndarray, warmer: np.ndarray) -> np.ndarray:
         """Displacements (n_np, 3, m) mm at recorded time n by temperatures (n_np, m) K that are added, of nodes that are at `position`
         (n_np, 3) mm. Times are passed in their order."""
-        strain = self._alpha * self._sections.mean(warmer)
-        between, flow = 0.5 * (strain[1:] + strain[:-1]), self._flow
-        self._along = np.where(flow.flowing[n][:, None], flow.along[n][:, None] * between, self._along)
-        self._across = np.where(self._at_sections[n][:, None], flow.across[n][:, None] * strain, self._across)
-        longer = (between + self._along) * self._sections.lengths(position)[:, None]
+        mean = self._sections.mean(warmer)
+        between = 0.5 * (mean[1:] + mean[:-1])
+        self._along = np.where(self._flow.flowing[n][:, None], self._longer[n][:, None] * between, self._along)
+        self._across = np.where(self._at_sections[n][:, None], self._wider[n][:, None] * mean, self._across)
+        longer = (self._alpha * between + self._along) * self._sections.lengths(position)[:, None]
         along = np.concatenate([np.zeros((1, longer.shape[1])), np.cumsum(longer, axis=0)])
         out = np.zeros((len(position), 3, warmer.shape[1]))
         out[:, 1] = along[self._sections.of]
-        out[:, 0] = (strain + self._across)[self._sections.of] * position[:, :1]
+        out[:, 0] = (self._alpha * mean + self._across)[self._sections.of] * position[:, :1]
         return out
 
 

@@ -163,9 +163,9 @@ class BodyMissing:
         self, kind: str, parameters: Parameters, grid: Grid, chosen: np.ndarray, amount: np.ndarray, names: Sequence[str]
     ) -> Mapping[str, np.ndarray]:
         """Derivatives (n_t, n_s, n_c, n) along the named parameters of what heats with these coefficients (m,) add to temperatures and
-        displacements, on the motion of the run at `parameters`; none of a kind that does not run through the heat equation. What a film
-        lets out goes with the temperatures of a run: those of a heat run on that motion are told for each of them. NumericsError where the
-        run fails."""
+        displacements, on the motion of the run at `parameters` and with its flow; none of a kind that does not run through the heat
+        equation. What a film lets out goes with the temperatures of a run: those of a heat run on that motion are told for each of them.
+        NumericsError where the run fails."""
         if kind not in HEATING:
             return {}
         history = self.history(parameters, points=kind == "film")

@@ -16,6 +16,7 @@ from thermofit.core.parameters import Parameters
 from thermofit.experiment.body import BodyExperiment
 from thermofit.experiment.discretisation import (
     MESH,
+    OF_TERM,
     STEPS,
     THEIRS,
     WITHIN,
@@ -140,7 +141,8 @@ def test_a_term_that_the_model_lacks_tells_no_shares_beside_it() -> None:
 
 
 def test_arcs_stay_with_their_mesh() -> None:
-    fields = {part: {"u": np.array([k])} for part, k in ((MESH, 8.0), (WITHIN, 100.0), (THEIRS, 1000.0), (STEPS, 1.0))}
+    whole = {MESH: 5.0, OF_TERM: 3.0, WITHIN: 100.0, THEIRS: 1000.0, STEPS: 1.0}
+    fields = {part: {"u": np.array([k])} for part, k in whole.items()}
     twice = MeshSize(n_x=6, n_y=40, n_z=2)
     assert np.allclose(on_mesh(fields, COARSE, twice)["u"], 2.0 + 1000.0 + 1.0)
     assert np.allclose(on_mesh(fields, COARSE, COARSE)["u"], 1109.0)
@@ -279,11 +281,13 @@ def test_the_errors_hold_those_of_a_heat_that_the_model_lacks(kind: str) -> None
     term = MissingTerm(kind, grid, np.arange(grid.size), amount)
     history, coarse = here.shown(parameters)
     plain, told = (numerical_errors(here, parameters, history, coarse, one) for one in (None, term))
-    own = sum(told[part]["theta"] - plain[part]["theta"] for part in (MESH, WITHIN, STEPS))
+    assert all(np.array_equal(told[MESH][name], plain[MESH][name]) for name in coarse) and OF_TERM not in plain, "told apart"
+    own = told[OF_TERM]["theta"] + sum(told[part]["theta"] - plain[part]["theta"] for part in (WITHIN, STEPS))
     finest = replace(here, size=FINE, substeps=3)
     exact = finest.warmed_by(term, finest.shown(parameters)[0], parameters)
     off = here.warmed_by(term, history, parameters) - exact
     assert _rms(off - own) < (0.4 if kind == "flux" else 0.6) * _rms(off)
     grid = missing.grid("scale", (320, 1, 1))
     image = MissingTerm("scale", grid, np.arange(grid.size), np.ones(grid.size))
-    assert all(np.array_equal(numerical_errors(here, parameters, history, coarse, image)[MESH][n], plain[MESH][n]) for n in coarse)
+    of_image = numerical_errors(here, parameters, history, coarse, image)
+    assert set(of_image) == set(plain) and all(np.array_equal(of_image[MESH][n], plain[MESH][n]) for n in coarse)

@@ -51,7 +51,10 @@ ORDER = {"sdirk2": 2, "backward-euler": 1}
 MESH, STEPS, SHEET = "mesh", "time steps", "sheet"
 WITHIN, THEIRS = "mesh inside its elements", "mesh of the data inside its elements"
 """Parts of the error of the mesh beside MESH, the smooth one: arcs of its own elements, and those of a virtual test, taken off."""
-OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0, SHEET: 1.0}
+OF_TERM = "mesh of what is missing"
+"""The smooth error of a term that the model lacks. A spot that is no larger than an element is told too large by h^2, and the data say how
+much of it they hold; what they hold of the error of everything else does not hang on that."""
+OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, OF_TERM: 1.0, STEPS: 1.0, SHEET: 1.0}
 """Shares of the errors that data of a specimen hold: it has no elements."""
 NEAR = 1.5
 """Error of a channel over its noise up to which it tells what the data hold of the errors of a model; the limit of a misfit."""
@@ -74,7 +77,7 @@ class Discretised:
     doubts_exact: Parts
     """What of the correction is in doubt, by cause: the part that may be left of what the data hold; the same of an exact force."""
     shares: Mapping[str, float]
-    """By cause; of the mesh by part: MESH, WITHIN and THEIRS."""
+    """By cause; of the mesh by part: MESH, WITHIN and THEIRS, and OF_TERM beside a term that heats."""
     fields: Mapping[str, Errors]
     """The errors that the data hold, as fields, by cause and part."""
     known: Known
@@ -144,24 +147,26 @@ def numerical_errors(
     `coarse`: its run and errors; `beside`: a term that the model lacks, whose heat goes through the same mesh. NumericsError where a run
     fails."""
 
+    heats = beside if beside is not None and beside.kind in HEATING else None
+
     def told(one: Joint, ran: History, errors: Errors, operator: ReadsFace = face_operator) -> Errors:
-        if beside is None or beside.kind not in HEATING:
-            return errors
-        return {**errors, "theta": errors["theta"] + one.warmed_by(beside, ran, parameters, operator)}
+        return errors if heats is None else {**errors, "theta": errors["theta"] + one.warmed_by(heats, ran, parameters, operator)}
 
     size = telling_mesh(joint.study, joint.data.specimen, joint.size)
     finer, slower = replace(joint, size=size), replace(joint, substeps=2 * joint.substeps)
     finer_history, fine = finer.shown(parameters)
-    smooth = told(joint, history, joint.smoothed(history, parameters), smooth_operator)
-    fine_smooth = told(finer, finer_history, finer.smoothed(finer_history, parameters), smooth_operator)
+    bare, fine_bare = joint.smoothed(history, parameters), finer.smoothed(finer_history, parameters)
+    smooth, fine_smooth = told(joint, history, bare, smooth_operator), told(finer, finer_history, fine_bare, smooth_operator)
     coarse, fine, slow = told(joint, history, coarse), told(finer, finer_history, fine), told(slower, *slower.shown(parameters))
-    kept = 0.5 ** ORDER[joint.study.numerics.heat_integration]
+    kept, gone = 0.5 ** ORDER[joint.study.numerics.heat_integration], 1.0 - left_by(joint.size, size)
     found = {
-        MESH: {name: (smooth[name] - fine_smooth[name]) / (1.0 - left_by(joint.size, size)) for name in coarse},
+        MESH: {name: (bare[name] - fine_bare[name]) / gone for name in coarse},
         WITHIN: {name: coarse[name] - smooth[name] for name in coarse},
         THEIRS: {name: fine_smooth[name] - fine[name] for name in coarse},
         STEPS: {name: (coarse[name] - slow[name]) / (1.0 - kept) for name in coarse},
     }
+    if heats is not None:
+        found[OF_TERM] = {name: (smooth[name] - fine_smooth[name]) / gone - found[MESH][name] for name in coarse}
     if isinstance(joint.size, SheetSize):
         # The elements in the plane are the same, and so are their arcs.
         whole = replace(joint, size=joint.size.body)
@@ -236,7 +241,7 @@ def on_mesh(fields: Mapping[str, Errors], size: MeshSize, other: MeshSize) -> Er
     """Errors of fields by cause, told on a mesh, as they are on another one together: that of the mesh goes with h^2, and the arcs of its
     elements stay with it."""
     same = (size.n_x, size.n_y) == (other.n_x, other.n_y)  # the elements of the face
-    scales = {MESH: left_by(size, other), WITHIN: 1.0 if same else 0.0, SHEET: sheet_on_mesh(other)}
+    scales = {MESH: left_by(size, other), OF_TERM: left_by(size, other), WITHIN: 1.0 if same else 0.0, SHEET: sheet_on_mesh(other)}
     scales = {cause: scales.get(cause, 1.0) for cause in fields}
     return {name: np.sum([scales[cause] * error[name] for cause, error in fields.items()], axis=0) for name in next(iter(fields.values()))}
 

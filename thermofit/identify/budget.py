@@ -9,7 +9,7 @@ import numpy as np
 
 from thermofit.core.parameters import AT, THERMOCOUPLES, units_of
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.discretisation import MESH, SHEET, STEPS, THEIRS, WITHIN
+from thermofit.experiment.discretisation import MESH, OF_TERM, SHEET, STEPS, THEIRS, WITHIN
 from thermofit.experiment.joint import FORCE_NOISE
 from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
 from thermofit.experiment.priors import LANDMARKS, is_of_pose
@@ -29,7 +29,7 @@ _HELP = {
     AREA_WIDTH: "the width measured to less",
     SCALE: "the cameras' scale calibrated to less",
     LANDMARKS: "landmarks of the infrared camera that are found to less, or more of them",
-    **dict.fromkeys((MESH, WITHIN, THEIRS), "a finer mesh"),
+    **dict.fromkeys((MESH, WITHIN, THEIRS, OF_TERM), "a finer mesh"),
     STEPS: "smaller time steps",
     SHEET: "the mesh of a body in place of the sheet",
     EXPONENTS: "a test over a wider range of what these exponents act on",

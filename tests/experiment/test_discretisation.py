@@ -108,6 +108,20 @@ def test_the_share_of_the_smooth_error_is_not_that_of_arcs() -> None:
     assert few == {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, STEPS: 1.0}, "as of a specimen"
 
 
+def test_the_share_of_the_mesh_is_not_that_of_a_term_whose_error_is_told_too_large() -> None:
+    """Displacements hold all of the mesh's error, temperatures three tenths of what is told of that of a spot, which is far larger. With
+    one share for both, hardly more than that would be held of either."""
+    n, random = 4000, np.random.default_rng(8)
+    place = np.arange(n)
+    in_u = place < n // 2
+    smooth, spot = np.where(in_u, np.sin(place / 300.0), 0.0), np.where(in_u, 0.0, 8.0 * np.sin(place / 40.0))
+    residual = smooth + 0.3 * spot + random.normal(size=n)
+    places, fitted = {"du": slice(0, n // 2), "dtheta": slice(n // 2, n)}, np.ones((n, 1))
+    found = shares_held({MESH: smooth, OF_TERM: spot}, residual, fitted, places)
+    assert abs(found[MESH] - 1.0) < 0.05 and abs(found[OF_TERM] - 0.3) < 0.02
+    assert shares_held({MESH: smooth + spot}, residual, fitted, places)[MESH] < 0.35
+
+
 def test_a_channel_that_misses_something_tells_nothing_of_the_mesh() -> None:
     """Displacements hold eight tenths of an error; temperatures hold the opposite of it, and far more. Where both miss something, the data
     are taken for those of a specimen."""

@@ -52,8 +52,8 @@ MESH, STEPS, SHEET = "mesh", "time steps", "sheet"
 WITHIN, THEIRS = "mesh inside its elements", "mesh of the data inside its elements"
 """Parts of the error of the mesh beside MESH, the smooth one: arcs of its own elements, and those of a virtual test, taken off."""
 OF_TERM = "mesh of what is missing"
-"""The smooth error of a term that the model lacks. A spot that is no larger than an element is told too large by h^2, and the data say how
-much of it they hold; what they hold of the error of everything else does not hang on that."""
+"""The smooth error of a term that the model lacks. That of a spot no larger than an element does not go with h^2 yet, and may be told too
+large. The data say how much of it they hold, and what they hold of the error of everything else does not hang on that."""
 OF_A_SPECIMEN = {MESH: 1.0, WITHIN: 1.0, THEIRS: 0.0, OF_TERM: 1.0, STEPS: 1.0, SHEET: 1.0}
 """Shares of the errors that data of a specimen hold: it has no elements."""
 NEAR = 1.5

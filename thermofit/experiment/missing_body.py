@@ -169,7 +169,8 @@ class BodyMissing:
         if kind not in HEATING:
             return {}
         history = self.history(parameters, points=kind == "film")
-        first, flow = self._warmed(parameters, history, kind, grid, chosen, amount), self.flow(parameters) if grid.places == 1 else None
+        first = self._warmed(parameters, history, kind, grid, chosen, amount)
+        flow = self.flow(parameters) if grid.places == 1 else None
         found = {field: [np.zeros((*value.shape[:3], 0))] for field, value in first.items()}
         problem = freely_expanding(self.whole, history) if kind == "film" and names else None
         apart = 0.0 if problem is None else history.theta - heat_run(problem, parameters)

@@ -11,13 +11,17 @@ import numpy as np
 import pytest
 from virtual_pulls import TRUTH, data, pulled, study
 
-from thermofit.core.parameters import Parameters, param
+from thermofit.core.parameters import THERMOCOUPLES, Parameters, param
 from thermofit.experiment.body import BodyExperiment
+from thermofit.experiment.discretisation import OF_A_SPECIMEN
 from thermofit.experiment.fields import Measured
+from thermofit.experiment.joint import FORCE_NOISE
+from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, INFRARED, SCALE
 from thermofit.experiment.priors import LANDMARKS, is_of_pose, pose_bounds
+from thermofit.fit import budget as causes_of_fits
 from thermofit.fit.budget import Budget
 from thermofit.identify import refine as module
-from thermofit.identify.budget import budget_datasets, earlier_moves, helps_most
+from thermofit.identify.budget import EARLIER, budget_datasets, earlier_moves, helps_most
 from thermofit.identify.refine import refined
 from thermofit.records.artefact import Dataset, ParameterResult
 from thermofit.records.staging import Made, job
@@ -94,6 +98,24 @@ def test_the_camera_lies_beside_the_specimen_by_an_error_of_its_landmarks(tmp_pa
     assert free[shift].value > 2.5 and (free[shift].sigma or np.inf) < 0.6 * 3.0, "the data tell more than the landmarks"
     causes = {c["cause"]: c["share"] for c in found.summary["budget"]["ir_registration.shift_x"]}
     assert causes[LANDMARKS] > 0.5 and sum(causes.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "cause",
+    [
+        *(value for name, value in vars(causes_of_fits).items() if name.isupper() and isinstance(value, str)),
+        *(CALIBRATION, AREA_THICKNESS, AREA_WIDTH, SCALE, INFRARED, LANDMARKS, FORCE_NOISE),
+        *OF_A_SPECIMEN,
+        *THERMOCOUPLES,
+    ],
+)
+def test_every_cause_has_a_measurement_that_helps(cause: str) -> None:
+    """It is named where that cause makes the most; what a stage left to a later one is told better there."""
+    budget = Budget(("kappa",), {cause: np.array([[1.0]])}, np.zeros(1, dtype=bool))
+    told = helps_most(budget)
+    assert told.startswith(f"{cause} makes 100 % of the variances, on average: what helps most is ") and "refine" not in told
+    earlier = helps_most(replace(budget, parts={f"{EARLIER}identify-plastic": np.array([[1.0]])}))
+    assert "the parameters of identify-plastic told better" in earlier
 
 
 def test_what_would_help_most_helps_what_is_asked_for() -> None:

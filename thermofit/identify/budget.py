@@ -11,9 +11,21 @@ from thermofit.core.parameters import AT, THERMOCOUPLES, units_of
 from thermofit.experiment.channels import field_of
 from thermofit.experiment.discretisation import MESH, OF_TERM, SHEET, STEPS, THEIRS, WITHIN
 from thermofit.experiment.joint import FORCE_NOISE
-from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, SCALE
+from thermofit.experiment.prescribed import AREA_THICKNESS, AREA_WIDTH, CALIBRATION, INFRARED, SCALE
 from thermofit.experiment.priors import LANDMARKS, is_of_pose
-from thermofit.fit.budget import EXCHANGED, EXPONENTS, FORM_OF_HEAT, HELD_LAW, MISFIT, NOISE, OTHER_FORM, PULLED, SLOWER_RATES, Budget
+from thermofit.fit.budget import (
+    EXCHANGED,
+    EXPONENTS,
+    FORM_OF_HEAT,
+    HELD_LAW,
+    MISFIT,
+    NOISE,
+    OTHER_FORM,
+    PULLED,
+    QUIET,
+    SLOWER_RATES,
+    Budget,
+)
 from thermofit.records.artefact import Dataset, Record, of_parameters
 
 ROOM = "uncertainty"
@@ -28,6 +40,7 @@ _HELP = {
     AREA_THICKNESS: "the thickness measured to less",
     AREA_WIDTH: "the width measured to less",
     SCALE: "the cameras' scale calibrated to less",
+    INFRARED: "the gain of the infrared camera calibrated to less",
     LANDMARKS: "landmarks of the infrared camera that are found to less, or more of them",
     **dict.fromkeys((MESH, WITHIN, THEIRS, OF_TERM), "a finer mesh"),
     STEPS: "smaller time steps",
@@ -38,6 +51,7 @@ _HELP = {
     EXCHANGED: "a reading of one of the two, or bounds that tell them apart",
     FORM_OF_HEAT: "a measurement of the stored energy by itself, or capacity and expansion from another one",
     PULLED: "displacements with less noise, or a heat effect that has the form of this material's",
+    QUIET: "temperatures of air and of both jaws recorded throughout the test, and a rest that shows what of the cameras drifts",
     SLOWER_RATES: "a phase of the test in which the material flows more slowly",
     **dict.fromkeys(THERMOCOUPLES, "temperatures of air and jaws read to less than 0.1 K, or a longer cooling in the record"),
 }
@@ -87,12 +101,13 @@ def helps_most(budget: Budget) -> str:
         return ""
     bare = cause.partition(AT)[0]
     channel, share = budget.largest_noise() if cause == NOISE else ("", 0.0)
-    words = _HELP.get(bare, f"the parameters of {bare.removeprefix(EARLIER)} told better, or all fitted at once (`thermofit refine`)")
+    stage = bare.removeprefix(EARLIER)
+    words = _HELP.get(bare, "") if stage == bare else f"the parameters of {stage} told better, or all fitted at once (`thermofit refine`)"
     told = f"{cause} makes {100.0 * shares[cause]:.0f} % of the variances, on average"
     less = _LESS_NOISE.get(field_of(channel.partition(AT)[0])) if channel else None
     if less is not None:
         return f"{told}, and {100.0 * share:.0f} % of it is that of {channel}: what helps most is {less}"
-    return f"{told}: what helps most is {words}"
+    return f"{told}: what helps most is {words}" if words else told
 
 
 def earlier_moves(records: Mapping[str, Record]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:

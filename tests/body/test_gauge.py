@@ -17,7 +17,7 @@ from thermofit.body.solve.history import History, MarchSettings, Watch
 from thermofit.body.solve.march import Loading, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters
+from thermofit.core.parameters import Parameters, load_modes
 from thermofit.observe.observation import face_operator
 
 TIME = np.array([0.0, 3, 5, 7, 10, 14, 20, 30, 32, 34, 36, 40, 50, 52, 56])
@@ -81,6 +81,37 @@ def test_derivatives_are_of_second_order(coupling: str) -> None:
     order = np.log2(np.array(missed[0]) / np.array(missed[1]))
     assert np.all(order > 1.8), order
     assert found[5][1].shape == (body.mesh.n_nodes, 3, 5)
+
+
+def test_a_run_is_differentiated_along_modes_of_its_elongation() -> None:
+    """Second-order Taylor test beside a Param of the material. One mode lies before the unloading, where the specimen flows: the force is
+    wrong until it flows again. The other is too small a stretch while it is elastic: wrong there alone."""
+    names, body = ("M_y0", *load_modes(2)), dogbone()[0]
+    modes = np.zeros((len(TIME), 2))
+    modes[7], modes[9] = (2e-3, 0.0), (0.0, -1e-3)
+    e, found = by_end().u[:, :, 1] @ dogbone()[1], {}
+
+    def moved(by: np.ndarray, watch: Watch | None = None) -> History:
+        loading = GaugeLoading(TIME, e - e[0] + modes @ by[1:], "displacement", True, modes=modes, gauge=dogbone()[1])
+        return march_between(body, NOMINAL.replace(M_y0=NOMINAL["M_y0"] + by[0]), loading, TIME, EXACT, watch or Watch())
+
+    def collect(n: int, at: StepRates) -> None:
+        found[n] = (at.force.copy(), at.u.copy(), at.theta.copy())
+
+    here = moved(np.zeros(3), Watch(sensitivities=Sensitivities(names, collect, tolerance=1e-5)))
+    along = np.array([0.5, 1.0, 0.7])
+    missed = []
+    for step in (0.2, 0.1):
+        there = moved(step * along)
+        changes = ((there.force, here.force), (there.u, here.u), (there.theta, here.theta))
+        slopes = [np.array([found[n][k] @ along for n in range(len(TIME))]) for k in range(3)]
+        missed.append([np.linalg.norm(new - old - step * slope) for (new, old), slope in zip(changes, slopes, strict=True)])
+    order = np.log2(np.array(missed[0]) / np.array(missed[1]))
+    assert np.all(order > 1.8), order
+    force = np.array([found[n][0] for n in range(len(TIME))])
+    flowing = np.abs(force[7, 1])
+    assert np.abs(force[8:10, 1]).min() > 20.0 * flowing and np.abs(force[12:, 1]).max() < 2.0 * flowing
+    assert np.abs(force[9, 2]) > 40.0 and np.abs(np.delete(force[:, 2], 9)).max() < 0.05 * np.abs(force[9, 2])
 
 
 SEEN = {"u": 1e-3, "theta": 1e-2, "force": 4.0}

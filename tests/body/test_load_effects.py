@@ -11,7 +11,7 @@ from small_bodies import NOMINAL, SPECIMEN
 from thermofit.body.body import tension_body
 from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.march import Sensitivities, StepRates
-from thermofit.body.solve.loading import acting_force, acting_force_rate, moving
+from thermofit.body.solve.loading import acting_force, acting_force_rate, moving, shown_force, shown_force_rate
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
 from thermofit.core.errors import StudyError
@@ -96,6 +96,18 @@ def test_rates_of_the_acting_load_are_those_of_differences(loading: Loading, val
         assert np.allclose(found[:, k], expected, rtol=1e-5, atol=1e-6 * max(np.abs(expected).max(), 1e-9)), name
         if loading is FORCE:
             assert np.allclose(acting_force_rate(RECORDED, parameters, name), found[:, k], rtol=1e-15)
+
+
+def test_a_load_cell_shows_what_makes_the_force_that_acts() -> None:
+    """F = (1 + gain)(R + offset) the other way round: halving all forces halves what is left, and is no better for it."""
+    force, on = RECORDED + np.linspace(-30.0, 50.0, len(RECORDED)), BASE.replace(**{**ON, "force_scale.gain": -0.5})
+    assert np.allclose(shown_force(force, RECORDED, BASE), force, rtol=1e-12)
+    assert np.allclose(shown_force(acting_force(RECORDED, on), RECORDED, on), RECORDED, rtol=1e-12)
+    assert np.allclose(shown_force(force, RECORDED, on), force / 0.5 - on["force_offset.offset"], rtol=1e-9)
+    none = np.zeros(len(force))
+    assert np.allclose(shown_force_rate(force, none, RECORDED, on, "force_scale.gain"), -force / 0.25, rtol=1e-9)
+    assert np.allclose(shown_force_rate(force, none, RECORDED, on, "force_offset.offset"), -1.0, rtol=1e-9)
+    assert np.allclose(shown_force_rate(force, force, RECORDED, on, "E"), force / 0.5, rtol=1e-9)
 
 
 @pytest.mark.parametrize("loading", [FORCE, CROSSHEAD], ids=["force", "crosshead"])

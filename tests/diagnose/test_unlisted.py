@@ -18,6 +18,7 @@ from strip import MODEL, THICK, Source, numerical, spot, strip_case
 from thermofit.cli.printing import unlisted_lines
 from thermofit.core.errors import NumericsError
 from thermofit.core.jsonable import jsonable
+from thermofit.diagnose import unlisted as module
 from thermofit.diagnose.beside_source import Spot, beside_source
 from thermofit.diagnose.case import RefinedProblem
 from thermofit.diagnose.loop import Closed, close_loop
@@ -166,6 +167,33 @@ def test_the_amount_has_a_standard_error_that_holds_it() -> None:
         weak.append(place_of(loose, volumes(here.case, loose.basis)))
     assert all(0.02 < p.doubt / p.size < 0.06 and abs(p.size - 30.0) < 3.0 * p.doubt for p in strong)
     assert all(w.size == pytest.approx(p.size) and w.doubt > 4.0 * p.doubt for w, p in zip(weak, strong, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("worth", "spread", "told"),
+    [(0.0, 1.0, True), (1.0, 1.0, True), (1.0, 50.0, False), (0.0, 50.0, True)],
+    ids=["clear", "small", "nothing", "vague"],
+)
+def test_a_small_term_that_is_not_away_from_nothing_is_said_but_not_told(
+    monkeypatch: pytest.MonkeyPatch, worth: float, spread: float, told: bool
+) -> None:
+    """Of less worth it has to be away from nothing; what is worth it may be of a kind that is not known."""
+
+    def place(field: Any, of: Any) -> Any:
+        found = place_of(field, of)
+        return replace(found, doubt=spread * found.doubt)
+
+    monkeypatch.setattr(module, "place_of", place)
+    monkeypatch.setattr(module, "WORTH", worth)
+    here, words = traced(fitted(strip_case(2, spot(30.0, -5.0, 8.0, (40.0, 75.0))))[0], numerical()), list[str]()
+    found = unlisted(here, structured(here, numerical()), (), remark=words.append)
+    assert (found is not None) is told and bool(words) is not told
+    if words:
+        assert words[0].startswith("theta: heat source (30 +- 5e+01 mW, 39.81 to 74.61 s) is not told, for it is not away from nothing")
+        case, fit = fitted(here.case)
+        refit = refitting(case.model)
+        closed, missing = ended(close_loop(case, fit, refit, 0, numerical()), refit, numerical(), "auto")
+        assert missing is None and any("not away from nothing" in remark for remark in closed.remarks)
 
 
 @pytest.mark.parametrize(("local", "balance"), [(None, "heat"), ("inside", "heat"), ("outside", "boundary")])

@@ -54,6 +54,22 @@ def test_the_error_of_the_elongation_is_one_of_the_force_and_counted_once() -> N
     once = with_driven_force(data)
     assert once.force.sigma.ravel() == pytest.approx(np.full(len(data.force.time), np.hypot(4.0, 7.0)))
     assert np.array_equal(with_driven_force(once).force.sigma, once.force.sigma)
+    assert once.steps["all"].error is None, "no noise of the elongation is known"
+
+
+def test_every_stage_errs_on_its_own() -> None:
+    """From when loading has begun, for until then the specimen rests."""
+    data = pulled(0.06)
+    seen = data.stretched
+    assert seen is not None
+    driven = with_driven_force(replace(data, stretched=replace(seen, noise=3e-4)))
+    for steps in driven.steps.values():
+        assert steps.error is not None
+        variance = np.interp(seen.time, steps.time, np.sum(steps.error**2, axis=1))
+        assert np.allclose(variance[seen.time > data.load_start + 1e-6], 9e-8) and not variance[seen.time <= data.load_start].any()
+        between = 0.5 * (seen.time[5] + seen.time[6])
+        assert np.allclose([np.interp(between, steps.time, mode) for mode in steps.error.T if mode.any()], 0.0) is False
+    assert with_driven_force(driven) is driven
 
 
 def test_the_force_joins_the_displacements_and_nothing_else() -> None:

@@ -14,7 +14,8 @@ from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters, load_modes
 from thermofit.experiment.body_check import verification
 from thermofit.experiment.channels import field_of
-from thermofit.experiment.fields import LoadSteps, Measured
+from thermofit.experiment.drive import with_driven_force
+from thermofit.experiment.fields import LoadSteps, Measured, Stretched, force_observation
 from thermofit.experiment.force_error import estimated_error, with_force_error
 from thermofit.experiment.joint import Joint, joint_settings
 from thermofit.experiment.verification import KnownErrors
@@ -225,3 +226,65 @@ def test_what_is_known_of_the_force_is_taken_off_before_a_run() -> None:
     corrected = verification(study(), loaded(COURSE + error, None), PARAMETERS, KnownErrors({"u": np.array(0.5)}, error))
     np.testing.assert_allclose(corrected.predicted["u"], right.predicted["u"] - 0.5, atol=1e-9)
     np.testing.assert_allclose(corrected.predicted["theta"], right.predicted["theta"], atol=1e-7)
+
+
+NOISE = 3e-4
+"""mm of one value of the elongation."""
+
+
+def between_sections(noise: float = NOISE, error: np.ndarray | float = 0.0, counted: bool = True) -> Joint:
+    """The same test driven by the elongation of the model, at every stage that errs by `error` (n_t,) mm."""
+    given = loaded(COURSE, None)
+    u = Joint(study(), given, joint_settings(study(), ("E",), given), SIZE).shown(PARAMETERS)[0].u_top
+    stages = given.displacement.time  # type: ignore[union-attr]
+    elongation = np.interp(stages, TIMES, u - u[0]) + error
+    moved = np.where(TIMES > given.load_start, np.interp(TIMES, stages, elongation), 0.0)
+    steps = {name: replace(one, elongation=moved) for name, one in given.steps.items()}
+    force = force_observation(stages, next(iter(steps.values())), 4.0)
+    stretched = Stretched(stages, elongation, np.full(len(stages), 15.0), noise)
+    whole = replace(given, steps=steps, force=force, stretched=stretched)
+    own = study("force: {drives: dic}\n")
+    return Joint(own, with_driven_force(whole) if counted else whole, joint_settings(own, ("E",), whole), SIZE)
+
+
+def test_noise_of_the_elongation_is_noise_of_the_force_until_it_flows_again() -> None:
+    """What a stage at the largest force before an unloading errs by, all of the unloading does. The force then has its own noise alone, and
+    no error of a prescribed force is told."""
+    here = between_sections()
+    assert here.data.force.sigma.ravel() == pytest.approx(np.full(len(here.data.force.time), np.hypot(4.0, 15.0)))
+    blurred = with_force_error(here, PARAMETERS)
+    assert blurred.force_error is not None and set(blurred.force_error) == {"force"}
+    assert blurred.model.observations["force"].sigma == pytest.approx(4.0)
+    assert estimated_error(blurred, PARAMETERS) is None
+    modes = blurred.force_error["force"]
+    time = here.data.force.time
+    every = modes.fields[:, 0, 0] @ modes.turned.T
+    stage = int(np.argmin(np.abs(time - 24.0)))
+    number = stage - int(np.sum(time <= here.data.load_start + 1e-6))
+    made = between_sections(error=NOISE * (np.arange(len(time)) == stage)).shown(PARAMETERS)[1]["force"]
+    made = (made - here.shown(PARAMETERS)[1]["force"]).ravel()
+    clear = np.abs(time - 30.0) > 0.5  # whether it flows there hangs on the error
+    assert np.linalg.norm((every[:, number] - made)[clear]) < 0.01 * np.linalg.norm(made[clear])
+    unloaded = (time > 24.5) & (time < 29.5)
+    assert np.ptp(made[unloaded]) < 0.01 < 4.0 < np.abs(made[unloaded]).min() and np.abs(made[time < 23.5]).max() < 0.01
+    assert with_force_error(between_sections(counted=False), PARAMETERS).force_error is None
+    assert with_force_error(between_sections(noise=0.0), PARAMETERS).force_error is None
+
+
+def test_a_force_between_sections_that_err_is_whitened() -> None:
+    """Draws of the elongation and of the load cell, by runs: unit variance with what is known of the elongation, and rows that are
+    independent of each other; with their errors on their own they hang together."""
+    here, random = between_sections(), np.random.default_rng(4)
+    blurred = with_force_error(here, PARAMETERS).model
+    (place,) = (k for k, c in enumerate(blurred.comparisons) if field_of(c) == "force")
+    plain, white = [], []
+    right = here.shown(PARAMETERS)[1]["force"]
+    for _ in range(12):
+        wrong = between_sections(error=NOISE * random.normal(size=len(right))).shown(PARAMETERS)[1]["force"]
+        off = wrong - right + 4.0 * random.normal(size=right.shape)
+        plain.append(here.model.comparisons[place].residual(off))
+        common = blurred.common[0]
+        white.append(common.innovations_of({place: blurred.comparisons[place].residual(off)})[place])
+    assert 0.7 < np.mean(np.square(white)) < 1.4, np.mean(np.square(white))
+    alike = [abs(np.mean(np.array(rows)[:, :-1] * np.array(rows)[:, 1:]) / np.mean(np.square(rows))) for rows in (plain, white)]
+    assert alike[1] < 0.05 and alike[0] > 0.1, alike

@@ -10,7 +10,7 @@ only resembled what is missing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -24,7 +24,7 @@ from thermofit.diagnose.protected import step_taken
 from thermofit.diagnose.rescored import protected_at
 from thermofit.diagnose.score import Score
 from thermofit.diagnose.trace import Traced, material_of, room_of
-from thermofit.diagnose.unlisted_field import ALONE, SETTLED, Basis, MissingField, believed, field_of, likeliest, proved, roughness
+from thermofit.diagnose.unlisted_field import ALONE, SETTLED, SURE, Basis, MissingField, believed, field_of, likeliest, proved, roughness
 from thermofit.diagnose.unlisted_hints import Hint, hints
 from thermofit.diagnose.unlisted_law import StateLaw, state_law
 from thermofit.diagnose.unlisted_middle import about, found_middle, with_middle
@@ -72,7 +72,8 @@ LIKELIER = 0.5
 RIVALS = 0.8
 """Part of the gain of a term from which one of another kind may be the better once parameters have followed it."""
 WORTH = 0.03
-"""Least relative fall of the held-out mean square of a channel by a term of which no block shows anything."""
+"""Least relative fall of the held-out mean square of a channel by a term of which no block shows anything, and by one that is not away from
+nothing."""
 LEAST_ROWS = 5
 """Values within its window with which a term begins: fewer are wild samples."""
 
@@ -119,13 +120,19 @@ def has_parameters(missing: Unlisted | None) -> bool:
     return missing is not None and missing.field is not None and missing.field.basis.kind not in ("displacement", "stress")
 
 
-def unlisted(here: Traced, hold: Sequence[Structure], explains: Sequence[str], base: np.ndarray | None = None) -> Unlisted | None:
+def unlisted(
+    here: Traced,
+    hold: Sequence[Structure],
+    explains: Sequence[str],
+    base: np.ndarray | None = None,
+    remark: Callable[[str], object] = lambda words: None,
+) -> Unlisted | None:
     """The unlisted effect that a traced case holds; None where nothing stands out, or an effect that `explains` takes half of it.
 
     `hold`: its channels that hold structure (`structured`). `explains`: effects that are still worth a refit. One that was tried and
     refused, or is not worth it, explains nothing, however much of the excess its linear step would take: it would take it with an
     amplitude, a reading or a held-out error that cannot be. `base`: the residual (n,) before any effect was accepted, where one was;
-    without a term, less than ALONE of its excess is none.
+    without a term, less than ALONE of its excess is none. `remark` hears, in words, of terms that are no more than nothing (`away`).
     """
     every = [s.effect for s in here.ranking.scores]
     found = []
@@ -155,8 +162,13 @@ def unlisted(here: Traced, hold: Sequence[Structure], explains: Sequence[str], b
             return alone
         for begin in terms:
             whole = told(here, structure, begin, replace(alone, remark=failed))
-            if whole is not None:
-                return or_rival(here, apart, structure, whole, replace(alone, remark=failed))
+            if whole is None:
+                continue
+            whole = or_rival(here, apart, structure, whole, replace(alone, remark=failed))
+            if away(here, whole):
+                return whole
+            remark(not_away(here, whole))
+            break
         # The term has taken wild samples; there may be structure besides.
         if believed_law(law) is not None or _told_alone(here, structure, base):
             return alone
@@ -197,6 +209,26 @@ def told(here: Traced, structure: Structure, begin: Sought, alone: Unlisted) -> 
     remark = "; ".join(dict.fromkeys(words for words in (alone.remark, remark, said) if words))
     found = replace(alone, field=term, place=place, hints=hints_of(here, term), parameters=parameters, remark=remark, case=case)
     return replace(found, settled=last != UNSETTLED)
+
+
+def away(here: Traced, found: Unlisted) -> bool:
+    """Whether a term of a body is away from nothing by SURE of its standard errors, as an accepted effect has to be by two; one that is
+    worth it (WORTH) need not be, for which of several kinds it is may be all that is not known."""
+    term, place = found.field, found.place
+    if here.case.model.segments is not None or term is None or place is None:
+        return True
+    return term.proof.gain > WORTH or abs(place.size) > SURE * place.doubt
+
+
+def not_away(here: Traced, found: Unlisted) -> str:
+    """What is said of a term that is not told."""
+    term, place = found.field, found.place
+    assert term is not None and place is not None, "it has an amount"
+    kind = KINDS[term.basis.kind]
+    unit = "mW" if volumes(here.case, term.basis) is not None else kind.unit
+    size = f"{place.size:.2g} +- {place.doubt:.1g} {unit}"
+    what = f"{kind.words} ({size}, {place.when[0]:.4g} to {place.when[1]:.4g} s)"
+    return f"{found.channel}: {what} is not told, for it is not away from nothing; {term.proof.words} with it"
 
 
 def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted, alone: Unlisted) -> Unlisted:

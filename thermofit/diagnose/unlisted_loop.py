@@ -45,7 +45,8 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
     others stay. A run that fails is said.
     """
     hold = structured(closed.last, numerical)
-    found = unlisted(closed.last, hold, closed.open_ones, _base(closed))
+    said: list[str] = []
+    found = unlisted(closed.last, hold, closed.open_ones, _base(closed), said.append)
     resembles: list[str] = []
     while closed.accepted:
         names: tuple[str, ...] = ()
@@ -70,12 +71,13 @@ def ended(closed: Closed, refit: Refit, numerical: np.ndarray | None, how: str) 
         except NumericsError as error:
             words = f"what is unlisted was sought anew: the run beside one spot failed ({error})"
             closed = replace(closed, remarks=(*closed.remarks, words))
-        found = unlisted(closed.last, hold, (), _base(closed)) if beside is None else beside
+        found = unlisted(closed.last, hold, (), _base(closed), said.append) if beside is None else beside
+    closed = replace(closed, remarks=(*closed.remarks, *dict.fromkeys(said)))
     if found is None:
         return closed, None
-    said = (*closed.remarks, *([found.remark] if found.remark else []))
+    remarks = (*closed.remarks, *([found.remark] if found.remark else []))
     spot = None if found.spot is None else replace(found.spot, beside=closed.accepted)
-    return replace(closed, remarks=said), replace(found, resembles=tuple(resembles), beside=closed.accepted, spot=spot)
+    return replace(closed, remarks=remarks), replace(found, resembles=tuple(resembles), beside=closed.accepted, spot=spot)
 
 
 def _base(closed: Closed) -> np.ndarray | None:

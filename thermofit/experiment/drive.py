@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.experiment.fields import Measured
+from thermofit.experiment.fields import Measured, Stretched
 from thermofit.study.stages import ChannelSettings, StageSettings
 
 if TYPE_CHECKING:
@@ -78,12 +78,22 @@ def near_maximum(data: Measured) -> str:
 
 def with_driven_force(data: Measured) -> Measured:
     """Measured values for a model that the elongation drives: the error of the elongation is one of the force that answers to it, and is
-    counted there once."""
-    if data.stretched is None:
+    counted there once; what drives has the modes of that error."""
+    if data.stretched is None or data.stretched.counted is not None:
         return data
-    own = np.interp(data.force.time, data.stretched.time, data.stretched.force_error)[:, None, None]
-    known = replace(data.stretched, force_error=np.zeros_like(data.stretched.force_error))
-    return replace(data, force=replace(data.force, sigma=np.hypot(data.force.sigma, own)), stretched=known)
+    seen = data.stretched
+    own = np.interp(data.force.time, seen.time, seen.force_error)
+    known = replace(seen, force_error=np.zeros_like(seen.force_error), counted=own)
+    modes = {name: elongation_modes(seen, one.time, data.load_start) if seen.noise > 0.0 else None for name, one in data.steps.items()}
+    steps = {name: replace(one, error=modes[name]) for name, one in data.steps.items()}
+    return replace(data, force=replace(data.force, sigma=np.hypot(data.force.sigma, own[:, None, None])), steps=steps, stretched=known)
+
+
+def elongation_modes(seen: Stretched, time: np.ndarray, load_start: float) -> np.ndarray:
+    """Modes (n, k) mm of the error of the elongation at times s (n,): the noise of every stage after loading has begun, on its own, which
+    grows from the stage before and dies away to the next. What is wrong where a specimen turns stays wrong until it flows again."""
+    late = seen.time > load_start + 1e-6
+    return seen.noise * np.stack([np.interp(time, seen.time, row) for row in np.eye(len(seen.time))[late]], axis=1)
 
 
 def with_force_channel(settings: StageSettings) -> StageSettings:

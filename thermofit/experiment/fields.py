@@ -25,7 +25,7 @@ INTERPOLATE = "interpolate"
 @dataclass(frozen=True)
 class LoadSteps:
     """Times s (n,) that the solver steps through, the smoothed force N (n,) and, where known, crosshead and DIC elongation mm (n,), and
-    modes of the error of the smoothed force N (n, k): its covariance is error error^T.
+    modes of the error of what drives, the smoothed force N or the elongation mm (n, k): its covariance is error error^T.
 
     `course`: times s (m,), all steps among them, and the smoothed force N (m,) there, straight between them; None: it is straight between
     the steps. A force that bends between two steps deforms the specimen earlier than its chord, and the heat of the step leaves earlier:
@@ -80,11 +80,14 @@ class TestPhase:
 
 @dataclass(frozen=True)
 class Stretched:
-    """Elongation mm (n,) at the DIC stages s (n,), and what its noise makes of the force of a model that it drives, N (n,)."""
+    """Elongation mm (n,) at the DIC stages s (n,), what its noise makes of the force of a model that it drives, N (n,), and that `noise`,
+    mm. `counted`: where a model is driven so, what of that error is counted as noise of the compared force, N (n_t,)."""
 
     time: np.ndarray
     elongation: np.ndarray
     force_error: np.ndarray
+    noise: float = 0.0
+    counted: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,8 @@ def _stretched(record: Record) -> Stretched | None:
     """The elongation in an open record of `interpolate`."""
     if not record.has("elongation/force_error"):
         return None
-    return Stretched(*(record[f"elongation/{key}"].value for key in ("time", "value", "force_error")))
+    time, value, error = (record[f"elongation/{key}"].value for key in ("time", "value", "force_error"))
+    return Stretched(time, value, error, float(record.summary["elongation"]["noise_mm"]))
 
 
 def _read_steps(record: Record, name: str) -> LoadSteps:

@@ -44,7 +44,7 @@ def loading_of(study: Study, steps: LoadSteps) -> Loading:
                 f"{study.source.name}: force.drives is 'dic', but interpolate.h5 holds no elongation; run `thermofit interpolate "
                 f"{study.source.name}` again"
             )
-        return Loading(steps.time, steps.elongation, "displacement", from_rest=True)
+        return Loading(steps.time, steps.elongation, "displacement", from_rest=True, modes=steps.error)
     if steps.crosshead is None:
         raise DataError("force.drives is 'crosshead', but force.csv holds no column crosshead_mm; let the force drive or add the column")
     moved = steps.crosshead - steps.crosshead[0] - study.force.compliance * (steps.force - steps.force[0])
@@ -57,7 +57,7 @@ def run_of(study: Study, data: Measured, size: MeshSize, steps: LoadSteps, setti
     body = specimen_body(study, data, size, loading.control)
     if study.force.drives == "dic" and data.gauge is not None:
         gauge = nodal_gauge(body.mesh, data.gauge)
-        loading = GaugeLoading(loading.time, loading.value, loading.control, loading.from_rest, gauge=gauge)
+        loading = GaugeLoading(loading.time, loading.value, loading.control, loading.from_rest, modes=loading.modes, gauge=gauge)
     return MechanicalRun(body, loading, settings)
 
 

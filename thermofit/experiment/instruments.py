@@ -8,7 +8,7 @@ import numpy as np
 
 from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.history import History, Watch
-from thermofit.body.solve.loading import acting_force, acting_force_rate
+from thermofit.body.solve.loading import shown_force, shown_force_rate
 from thermofit.core.parameters import Parameters
 from thermofit.effects.catalogue import KINEMATICS, effects
 from thermofit.effects.scene import Scene
@@ -70,12 +70,10 @@ class Instruments:
 
     def predicted(self, name: str, history: History, parameters: Parameters) -> np.ndarray:
         """What the instruments show of a history (n_t, n_s, n_c), as means over patches where the observation is one of those; a load cell
-        shows the force less what effects say it shows too little."""
+        shows the force as its effects have it (`shown_force`)."""
         if name == "force":
-            recorded = self.observations[name].value
-            return (
-                self.samplers[name].observed(name, history) - (acting_force(recorded.ravel(), parameters) - recorded.ravel())[:, None, None]
-            )
+            force, recorded = self.samplers[name].observed(name, history), self.observations[name].value
+            return shown_force(force.ravel(), recorded.ravel(), parameters).reshape(force.shape)
         if not self.changes(name, parameters):
             return self.observations[name].averaged(self.samplers[name].observed(name, history))
         view = self.view(name, history)
@@ -183,7 +181,9 @@ class JointPrediction:
                 slope = slopes[..., of_body.index(n)]
                 if name == "force":
                     recorded = self.instruments.observations[name].value.ravel()
-                    out[..., k] = slope - acting_force_rate(recorded, parameters, n)[:, None, None]
+                    force = self.instruments.samplers[name].observed(name, history).ravel()
+                    rate = shown_force_rate(force, slope.ravel(), recorded, parameters, n)
+                    out[..., k] = rate.reshape(slope.shape)
                 elif view is not None and on:
                     flat = slope if name == "u" else slope[:, :, 0]
                     out[..., k] = self.instruments.shown_along(name, view, flat, parameters)

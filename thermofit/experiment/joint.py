@@ -116,7 +116,8 @@ class Joint:
     settings: StageSettings
     size: MeshSize
     force_error: Mapping[str, ForceModes] | None = None
-    """What the error of the prescribed force makes of the fields "u" and "theta"; None: it is not known."""
+    """What the error of the prescribed force makes of the fields "u" and "theta", or that of the elongation of "force"; None: it is not
+    known."""
     beside: tuple[Prior, ...] = ()
     """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
     substeps: int = 1
@@ -264,8 +265,15 @@ class Joint:
         if heat and self.data.temperature is not None:
             observations["theta"] = self.data.temperature
         if any(FIELDS[c] == "force" for c in self.settings.channels):
-            observations["force"] = self.data.force
+            observations["force"] = self._force()
         return observations
+
+    def _force(self) -> FieldObservation:
+        """The force that is compared: with its own noise where that of the elongation is known to be noise of all its values together."""
+        force, seen = self.data.force, self.data.stretched
+        if seen is None or seen.counted is None or "force" not in (self.force_error or {}):
+            return force
+        return replace(force, sigma=np.sqrt(force.sigma**2 - seen.counted[:, None, None] ** 2))
 
     def _steps(self, names: Iterable[str]) -> LoadSteps:
         return steps_for(self.data, set(names)).divided(self.substeps)

@@ -33,12 +33,13 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         found = prepared(study, task, stages)
         failures = tuple(found.refit.failures)
         here = rescored(traced(found.case, found.numerical, study.diagnosis.held_out, fit=found.fit))
-        missing = unlisted(here, structured(here, found.numerical), [s.effect for s in here.promising()])
+        untold: list[str] = []
+        missing = unlisted(here, structured(here, found.numerical), [s.effect for s in here.promising()], remark=untold.append)
         told = decided(diagnosis_summary(found, here), here, parts=found.refit.parts)
         local = local_findings(study, here, found.refit.parts)
         beside = beside_source(here, missing)
         said = described(study, here, missing, beside, local.entries["local_balances"])
-        summary = {**with_unlisted(told, said), "drive": found.drive, **local.entries}
+        summary = {**with_unlisted(told, said), "remarks": [*told["remarks"], *untold], "drive": found.drive, **local.entries}
         fitted = known_fit_datasets(KnownFit(found.case.parameters, found.fit, failures, found.refit.ends))
         datasets = {**diagnosis_datasets(here), **unlisted_datasets(missing), **local.datasets, **fitted}
         return Made(datasets, summary, diagnosis_parameters(study, found.case, found.fit, beside=beside))

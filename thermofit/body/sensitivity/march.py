@@ -80,6 +80,8 @@ _BORROWED = 0.2
 """Share of the tolerance where the factor is that of an earlier elastic step: its answers are less exact."""
 _NEGLIGIBLE = 1e-3
 """K; a parameter whose usual change moves no temperature by more has no temperature to agree on."""
+_DIVERGES = 1e4
+"""Growth of the rates of forces out of balance, over the least so far, from which mending leads nowhere."""
 _ROUND_OFF = 1e-11
 """Forces of round-off, in units of elastic modulus times facet area."""
 
@@ -326,6 +328,7 @@ class Differentiator:
         forces = self._exact_forces = mechanics.kept or mechanics.largest_increment > 0.0
         if elastic:
             allowed *= _ELASTIC_SHARE
+        least = np.inf
         for self._mendings in range(MENDINGS):
             rates = (u, points_n, theta)
             update_rates(
@@ -336,9 +339,14 @@ class Differentiator:
                 return points, dilatation
             top = self._on_top(self._loads) if body.top < 0 else self._load
             self._pull()
-            if np.all(self._unbalanced() <= allowed * self._scale + self._round_off + self._softened):
+            within = allowed * self._scale + self._round_off + self._softened
+            over = self._unbalanced() / np.maximum(within, np.finfo(float).tiny)
+            if np.all(over <= 1.0):
                 self._top_rate = top
                 return points, dilatation
+            if over.max() > _DIVERGES * least:
+                break
+            least = min(least, float(over.max()))
             self._add_answer(mechanics, self._loads, u)
             self.mended = True
         raise NumericsError("sensitivities: the tangent of the converged step is too far from the exact one; use smaller steps")

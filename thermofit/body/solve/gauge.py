@@ -8,7 +8,9 @@ measured. With the gauge g (n_np,), e = g . u_y the elongation between the secti
 is one equation for U in every step, solved by secants around the equilibrium under U. Its derivative needs the answer of the step to U
 alone: a direction of its own, q, whose history is zero at the start of every step. With the rates r of a parameter at the guess U' = c,
 
-    U' = c - (g . u_y'|_c - e'(rest)) / (g . q_y),      rates = r + (U' - c) q.
+    U' = c - (g . u_y'|_c - e'(rest) - e') / (g . q_y),      rates = r + (U' - c) q,
+
+e' that of the prescribed elongation itself, along the modes of its error.
 
 The temperatures of q are none at the start of each step and cannot be foreseen, so that q alone would ask for a second sweep in every step.
 It asks for none: U' of the step before is a good guess, and little of q is added. Where measured sections scatter by a micrometre, the
@@ -75,7 +77,7 @@ def march_between(
     law, conditions = beginning(body, parameters, loading, times, settings)
     run = _Between(body, law, conditions, loading, settings)
     names = watch.sensitivities.names if watch.sensitivities is not None else ()
-    return marched(run, parameters, np.zeros((len(loading.time), len(names))), times, watch)
+    return marched(run, parameters, loading.rates(parameters, names), times, watch)
 
 
 class _BetweenRates(Differentiator):
@@ -94,9 +96,9 @@ class _BetweenRates(Differentiator):
         self._end = np.zeros(self.m)
         self._end[self._lane] = 1.0
 
-    def between(self, start: Rates, mechanics: LinearisedStep, ends: StepEnds) -> Rates:
-        """Rates at the end of a step under the prescribed elongation. NumericsError as `step`, and where the elongation does not follow the
-        end."""
+    def between(self, start: Rates, mechanics: LinearisedStep, ends: StepEnds, wanted: np.ndarray) -> Rates:
+        """Rates at the end of a step under an elongation of which `wanted` (m,) are the rates there. NumericsError as `step`, and where the
+        elongation does not follow the end."""
         assert self._loading is not None
         for old in (start.u, start.theta, start.points, start.dilatation, *(theta for _, theta in start.past)):
             old[..., self._lane] = 0.0
@@ -104,7 +106,7 @@ class _BetweenRates(Differentiator):
         k, elongation = self._lane, self._loading.elongation(found.u)
         if elongation[k] == 0.0:
             raise NumericsError("sections: the elongation does not follow the end of the body; use smaller steps")
-        change = -(elongation - self._rest) / elongation[k]
+        change = -(elongation - self._rest - wanted) / elongation[k]
         change[k:] = 0.0
         self._end = self._end + change
         for new in (found.u, found.theta, found.points, found.dilatation):
@@ -193,7 +195,8 @@ class _Between(Run):
             return state, balance
         mechanics = self._linearised(found, self.resting_temperature if one_way else state.theta, start.points)
         assert isinstance(self.rates, _BetweenRates)
-        return replace(state, rates=self.rates.between(start.rates, mechanics, heat.ends(found))), balance
+        load_rates = self.loading.between(self.load_rates, t)
+        return replace(state, rates=self.rates.between(start.rates, mechanics, heat.ends(found), load_rates)), balance
 
 
 @kernel

@@ -18,6 +18,8 @@ from thermofit.effects.catalogue import LOAD, Effect, effects
 
 _CONTROLS = ("force", "displacement", "arc")
 _STEP = 1e-30
+_APART = 1e-3
+"""Part of the largest force over which the slope of what acts is taken."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,10 @@ class Loading:
 
     def _along(self, mode: int, parameters: Parameters) -> np.ndarray:
         """Derivative (n_t,) of the acting value along a mode of a prescribed force."""
-        if self.modes is None or self.control != "force":
-            raise StudyError(f"march: a derivative along mode {mode} of the loading was asked for; expected a prescribed force with modes")
+        if self.modes is None or (self.control != "force" and self.of_machine):
+            raise StudyError(f"march: a derivative along mode {mode} of the loading was asked for; expected a prescribed load with modes")
+        if not self.of_machine:
+            return np.asarray(self.modes[:, mode])
         links = [e for e in effects(LOAD) if e.is_on(parameters)]
         moved = self.value + 1j * _STEP * self.modes[:, mode]
         return np.asarray(np.imag(_through(links, moved, np.zeros_like(moved), (parameters, ""))[0]) / _STEP)
@@ -131,6 +135,33 @@ def acting_force_rate(force: np.ndarray, parameters: Parameters, name: str) -> n
     """Derivative (n_t,) of `acting_force` by one parameter."""
     links = _links(parameters, name)
     return np.asarray(np.imag(_through(links, force, np.zeros_like(force), (parameters, name))[0]) / _STEP)
+
+
+def shown_force(force: np.ndarray, recorded: np.ndarray, parameters: Parameters) -> np.ndarray:
+    """What a load cell shows (n_t,) N of a force F on the specimen (n_t,), near what it recorded, R:
+
+        R - (a(R) - F) / a'(R),   a: `acting_force`.
+
+    Without a' an effect that makes all forces smaller would make what is left smaller, too."""
+    return np.asarray(recorded - (acting_force(recorded, parameters) - force) / _slope(recorded, parameters))
+
+
+def shown_force_rate(force: np.ndarray, rate: np.ndarray, recorded: np.ndarray, parameters: Parameters, name: str) -> np.ndarray:
+    """Derivative (n_t,) of `shown_force` by one parameter, by which F changes at `rate` (n_t,)."""
+    slope = _slope(recorded, parameters)
+    off = (acting_force(recorded, parameters) - force) / slope
+    moved = acting_force_rate(recorded, parameters, name) - rate
+    return np.asarray((off * _slope(recorded, parameters, name) - moved) / slope)
+
+
+def _slope(recorded: np.ndarray, parameters: Parameters, name: str | None = None) -> np.ndarray:
+    """a'(R) (n_t,), or its derivative by one parameter: central differences over _APART of the largest force."""
+    apart = _APART * max(float(np.abs(recorded).max(initial=0.0)), 1.0)
+
+    def at(force: np.ndarray) -> np.ndarray:
+        return acting_force(force, parameters) if name is None else acting_force_rate(force, parameters, name)
+
+    return np.asarray((at(recorded + apart) - at(recorded - apart)) / (2.0 * apart))
 
 
 def solution_times(start: float, end: float, longest: float) -> np.ndarray:

@@ -240,7 +240,15 @@ class Run:
             return state, balance
         theta = self.resting_temperature if self.settings.coupling == "one-way" else state.theta
         load_rates = self.loading.between(self.load_rates, t)
-        rates = self.rates.step(start.rates, self._linearised(found, theta, start.points), heat.ends(found), load_rates)
+        here, ends = self._linearised(found, theta, start.points), heat.ends(found)
+        try:
+            rates = self.rates.step(start.rates, here, ends, load_rates)
+        except NumericsError:
+            # A specimen that has stopped to flow, or barely flows, may be far from where the factor at hand was formed. A smaller step
+            # would be as far.
+            if not here.kept:
+                raise
+            rates = self.rates.step(start.rates, self._linearised(found, theta, start.points, kept=False), ends, load_rates)
         return replace(state, rates=rates), balance
 
     def _mechanics(
@@ -308,18 +316,18 @@ class Run:
             theta = after
         raise NumericsError(f"coupling: temperature still changes by {change:.1e} K after {self.settings.max_coupling} sweeps")
 
-    def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray) -> LinearisedStep:
+    def _linearised(self, found: Equilibrium, theta: np.ndarray, before: np.ndarray, kept: bool = True) -> LinearisedStep:
         """The tangent of a converged step under force control: elastic steps in a row share one factor, since their stiffness hardly
-        changes, until one of them had to mend its answers; a factor with which equilibrium was just found at once is good enough; otherwise
-        a fresh one.
+        changes, until one of them had to mend its answers; a factor with which equilibrium was just found at once is good enough;
+        otherwise, and where none may be `kept`, a fresh one.
         """
         flows = bool(np.any(found.state[:, :, LAMBDA] > before[:, :, LAMBDA]))
         here = LinearisedStep(found.u, theta, before, found.state)
-        if self.body.top >= 0:
+        if self.body.top >= 0 and kept:
             worn = self.rates is not None and self.rates.mended
-            kept = self.solver.good_factor() if flows else None if worn else self.elastic
-            if kept is not None:
-                return replace(here, factor=kept, kept=True)
+            at_hand = self.solver.good_factor() if flows else None if worn else self.elastic
+            if at_hand is not None:
+                return replace(here, factor=at_hand, kept=True)
         factor, stiffness = self.solver.linearise(found.u, theta, before)
         self.elastic = None if flows else factor
         return replace(here, factor=factor, stiffness=stiffness)

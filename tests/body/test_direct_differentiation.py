@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -15,8 +15,8 @@ from thermofit.body.heat.one_way import heat_problem, heat_run, heat_run_rates
 from thermofit.body.mesh.dogbone import dogbone_mesh
 from thermofit.body.sensitivity.heat_rates import WARM, SourceSlopes, source_slopes
 from thermofit.body.sensitivity.march import Differentiator, LinearisedStep, PointStateRates, Rates, Sensitivities, StepEnds, StepRates
-from thermofit.body.solve.march import History, Loading, MarchSettings, Run, Watch, march
-from thermofit.body.solve.newton import NewtonSettings
+from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
+from thermofit.body.solve.newton import Equilibrator, NewtonSettings
 from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import NAMES
 
@@ -322,8 +322,8 @@ def test_a_factor_of_another_state_costs_answers_and_no_digits(monkeypatch: pyte
 
 def test_a_factor_at_hand_that_is_far_off_is_formed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that answers threefold sends every mending farther off. The step is differentiated with its own factor then, and is not made
-    smaller: a smaller one would be as far from it. Without a kept one, what is wrong with its own is an error."""
-    case, own, spoilt = CASES[0], Run._linearised, []
+    smaller: a smaller one would be as far from it. What is wrong with its own is an error."""
+    case, last, asked = CASES[0], list[Any](), list[bool]()
 
     class Threefold:
         def __init__(self, factor: Any) -> None:
@@ -332,24 +332,30 @@ def test_a_factor_at_hand_that_is_far_off_is_formed_anew(monkeypatch: pytest.Mon
         def solve(self, right: np.ndarray) -> np.ndarray:
             return 3.0 * np.asarray(self.factor.solve(right))
 
-    def linearised(self: Run, *args: Any, **given: Any) -> LinearisedStep:
-        here = own(self, *args, **given)
-        spoilt.append(here.kept)
-        return replace(here, factor=Threefold(here.factor)) if here.kept else here
+    fresh = Equilibrator.linearise
+
+    def own(self: Equilibrator, *args: Any) -> Any:
+        factor, stiffness = fresh(self, *args)
+        last[:] = [factor]
+        return factor, stiffness
+
+    def at_hand(self: Equilibrator) -> Any:
+        asked.append(bool(last))
+        return Threefold(last[0]) if last else None
+
+    def off(self: Equilibrator, *args: Any) -> Any:
+        factor, stiffness = fresh(self, *args)
+        return Threefold(factor), stiffness
 
     names, (right, wrong) = ("E", "M_y0", "c0"), (Collected(), Collected())
     known = case.run(Sensitivities(names, right.collect, tolerance=1e-6))
-    monkeypatch.setattr(Run, "_linearised", linearised)
+    monkeypatch.setattr(Equilibrator, "linearise", own)
+    monkeypatch.setattr(Equilibrator, "good_factor", at_hand)
     found = case.run(Sensitivities(names, wrong.collect, tolerance=1e-6))
-    assert sum(spoilt) > 3 and found.counts["bisections"] == known.counts["bisections"]
+    assert sum(asked) > 2 and found.counts["bisections"] == known.counts["bisections"]
     for name in FIELDS:
         size = np.abs(right.field(name)).max(axis=tuple(range(right.field(name).ndim - 1)))
         assert np.all(np.abs(wrong.field(name) - right.field(name)) <= 1e-4 * size), name
-
-    def never(self: Run, *args: Any, **given: Any) -> LinearisedStep:
-        here = own(self, *args, **given)
-        return replace(here, factor=Threefold(here.factor), kept=False)
-
-    monkeypatch.setattr(Run, "_linearised", never)
+    monkeypatch.setattr(Equilibrator, "linearise", off)
     with pytest.raises(NumericsError, match="too far from the exact one"):
         case.run(Sensitivities(names, Collected().collect, tolerance=1e-6))

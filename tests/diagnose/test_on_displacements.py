@@ -43,12 +43,10 @@ class Mechanics:
         return start.replace(E=200.0), SimpleNamespace(f=self.ends[name])
 
 
-def trace(mechanics: Mechanics | None, du: float = 4.0, cheap: bool = False, force: float = 0.0) -> Any:
-    """A trace whose displacements are at `du` times their noise, and 50 values of the `force`, where there are any, at that of theirs; the
-    linear step of backstress_first cannot be."""
+def trace(mechanics: Mechanics | None, du: float = 4.0, cheap: bool = False) -> Any:
+    """A trace whose displacements are at `du` times their noise; the linear step of backstress_first cannot be."""
     parameters = Parameters.of({"E": 500.0, "kappa": 50.0, "theta_ref": 296.0}, ("E", "kappa"))
-    numbers = {"du": N, "dtheta": 100, **({"force": 50} if force else {})}
-    model = SimpleNamespace(comparisons=tuple(SimpleNamespace(channel=c, n=n) for c, n in numbers.items()))
+    model = SimpleNamespace(comparisons=(SimpleNamespace(channel="du", n=N), SimpleNamespace(channel="dtheta", n=100)))
     case = SimpleNamespace(
         parameters=parameters, known=KNOWN, cheap=cheap, mechanics=mechanics, model=model, spans=(), largest_strain=0.1, placed=None
     )
@@ -58,9 +56,8 @@ def trace(mechanics: Mechanics | None, du: float = 4.0, cheap: bool = False, for
         )
         for n, d in DROPS.items()
     )
-    of = list(numbers.values())
-    rows = SimpleNamespace(channel=np.repeat(range(len(of)), of), time=np.linspace(0.0, 10.0, sum(of)), xy=np.zeros((sum(of), 2)))
-    residual = np.repeat([du, 5.0, force][: len(of)], of)
+    rows = SimpleNamespace(channel=np.repeat([0, 1], [N, 100]), time=np.linspace(0.0, 10.0, N + 100), xy=np.zeros((N + 100, 2)))
+    residual = np.concatenate([np.full(N, du), np.full(100, 5.0)])
     problem, columns = SimpleNamespace(may_be_left=None), SimpleNamespace(residual=residual)
     return Here(case, columns, rows, SimpleNamespace(scores=scores), problem, {n: {} for n in DROPS})
 
@@ -150,19 +147,6 @@ def test_what_an_effect_takes_is_told_beside_the_same_fit_without_it(monkeypatch
         by_displacements(trace(mechanics), None, None, ())  # type: ignore[arg-type]
         assert bool(mechanics.asked) is asked
     assert not made, "0.3 of 0.9 is less than half"
-
-
-def test_displacements_below_their_noise_do_not_hide_what_the_force_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A thousand displacements hold 0.04 less than their noise each, and 50 values of the force 2.24 more: together less than nothing was
-    left, and 112 is more than 0.3 % of all."""
-    made = gains(monkeypatch, rate_power=0.7)
-    du, force = 0.98, 1.8
-    alone = N * du**2 + 50.0 * force**2
-    mechanics = Mechanics({**dict.fromkeys(ENDS, alone - 5.0), "rate_power": alone - 100.0}, alone)
-    here = trace(mechanics, du, force=force)
-    assert module.on_their_own(here)[1] == pytest.approx(50.0 * (force**2 - 1.0))
-    _, winner = by_displacements(here, None, None, ())  # type: ignore[arg-type]
-    assert [name for name, _ in made] == ["rate_power"] and winner is not None
 
 
 def test_no_further_effect_is_asked_once_two_leave_hardly_anything(monkeypatch: pytest.MonkeyPatch) -> None:

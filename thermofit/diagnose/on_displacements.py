@@ -84,12 +84,11 @@ def by_displacements(
 
 
 def on_their_own(here: Traced) -> tuple[float, float]:
-    """What a fit of the parameters at hand to the displacements alone leaves: its square sum, and what that holds beyond the floor. A
-    channel below its floor has that of its own: thousands of displacements that hold a little less than their noise would hide what a few
-    dozen values of the force hold. NumericsError where it cannot be run."""
+    """What a fit of the parameters at hand to the displacements alone leaves: its square sum, and what that holds beyond the floor.
+    NumericsError where it cannot be run."""
     assert here.case.mechanics is not None, "asked where displacements are compared"
     square = here.case.mechanics(here.case.parameters, "nothing added on displacements", np.inf)[1].f
-    return square, square - sum(min(1.0 + error, now) * n for now, error, n, _ in mechanical(here))
+    return square, square - sum((1.0 + error) * n for _, error, n, _ in mechanical(here))
 
 
 def worth_asking(here: Traced) -> float:

@@ -153,10 +153,13 @@ def test_a_run_is_differentiated_along_modes_of_its_force() -> None:
     assert np.allclose(rates["force"][1:, 2], 1.01 * np.interp(TIMES[1:], time, modes[:, 0]), atol=1e-9)
 
 
-def test_modes_are_of_a_prescribed_force() -> None:
+def test_modes_are_of_what_is_prescribed_itself() -> None:
+    """A force, or the motion of the specimen: what acts of a crosshead hangs on the force that was recorded with it."""
     for loading in (FORCE, replace(CROSSHEAD, modes=np.zeros((6, 1)))):
-        with pytest.raises(StudyError, match="expected a prescribed force with modes"):
+        with pytest.raises(StudyError, match="expected a prescribed load with modes"):
             loading.rates(BASE, load_modes(1))
+    modes = np.linspace(0.0, 1.0, 6)[:, None]
+    assert np.array_equal(replace(OWN_END, modes=modes).rates(BASE.replace(**ON), load_modes(1)), modes)
 
 
 def test_what_moves_nothing_takes_no_part_and_keeps_its_zero_columns() -> None:

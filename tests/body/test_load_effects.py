@@ -14,7 +14,7 @@ from thermofit.body.sensitivity.march import Sensitivities, StepRates
 from thermofit.body.solve.loading import acting_force, acting_force_rate, moving, shown_force, shown_force_rate
 from thermofit.body.solve.march import History, Loading, MarchSettings, Watch, march
 from thermofit.body.solve.newton import NewtonSettings
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, load_mode, load_modes
 from thermofit.effects.catalogue import LOAD, effect, effects
 
@@ -108,6 +108,9 @@ def test_a_load_cell_shows_what_makes_the_force_that_acts() -> None:
     assert np.allclose(shown_force_rate(force, none, RECORDED, on, "force_scale.gain"), -force / 0.25, rtol=1e-9)
     assert np.allclose(shown_force_rate(force, none, RECORDED, on, "force_offset.offset"), -1.0, rtol=1e-9)
     assert np.allclose(shown_force_rate(force, force, RECORDED, on, "E"), force / 0.5, rtol=1e-9)
+    upside_down = BASE.replace(**{"force_scale.gain": -1.0})
+    with pytest.raises(NumericsError, match="with force_scale the force on the specimen does not grow with the recorded one"):
+        shown_force(force, RECORDED, upside_down)
 
 
 @pytest.mark.parametrize("loading", [FORCE, CROSSHEAD], ids=["force", "crosshead"])

@@ -16,7 +16,7 @@ from record_studies import call
 from thermofit.core.errors import StudyError
 from thermofit.core.experiment import CouponRecord
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose.unlisted import structured
+from thermofit.diagnose.unlisted import structured, unlisted
 from thermofit.experiment import coupon_records as coupon_inputs
 from thermofit.point.driver import PointSettings, Programme, simulate
 from thermofit.records.artefact import open_record
@@ -234,8 +234,15 @@ def test_a_strain_across_the_load_tells_contraction_and_anisotropy(across: Path)
 
 
 def test_a_lateral_strain_is_diagnosed_with_the_others(across: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The joint fit compares both channels and holds E, nu and F; nothing is missing, and nothing is found."""
+    """The joint fit compares both channels and holds E, nu and F; nothing is missing, and nothing is found. A term that is not told is
+    said."""
+
+    def untold(*given: Any, remark: Any) -> Any:
+        remark("a heat source that is not away from nothing")
+        return unlisted(*given)
+
     asked: list[Any] = []
+    monkeypatch.setattr(stage, "unlisted", untold)
     monkeypatch.setattr(stage, "structured", lambda *given: asked.append(given) or structured(*given))
     found_by(across, "--until", "identify-plastic")
     result = call("diagnose", across, "--json")
@@ -244,6 +251,7 @@ def test_a_lateral_strain_is_diagnosed_with_the_others(across: Path, monkeypatch
     assert {row["channel"] for row in found["lack_of_fit"]} == {"stress", "lateral"}
     assert not any(row["accepted"] for row in found["ranking"]), found["verdict"]
     assert found["unlisted"] is None and len(asked) == 1, "also of what no block shows"
+    assert "a heat source that is not away from nothing" in found["remarks"]
     assert {"rate_power", "rate_logarithmic", "rate_by_temperature", "softening_power"} <= set(found["not_asked"])
     assert any("not asked for rate_power, rate_logarithmic: as measured, the records flow at one rate" in r for r in found["remarks"])
 

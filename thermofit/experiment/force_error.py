@@ -68,7 +68,7 @@ def along_modes(joint: Joint, parameters: Parameters) -> Mapping[str, np.ndarray
     """Derivatives (n_t, n_s, n_c, k) of every observed field by the k modes of the error of what is prescribed, which has to be known.
     NumericsError where the run of the parameters fails."""
     error = joint.steps.error
-    assert error is not None, "the error of the force is known"
+    assert error is not None, "the error of what is prescribed is known"
     names = load_modes(error.shape[1])
     return on_one_layer(joint.size, lambda size: replace(joint, size=size).prediction.linearise(parameters, names)[1])
 

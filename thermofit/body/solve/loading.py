@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thermofit.body.body import Body
-from thermofit.core.errors import StudyError
+from thermofit.core.errors import NumericsError, StudyError
 from thermofit.core.parameters import Parameters, load_mode
 from thermofit.effects.catalogue import LOAD, Effect, effects
 
@@ -74,7 +74,7 @@ class Loading:
         return out
 
     def _along(self, mode: int, parameters: Parameters) -> np.ndarray:
-        """Derivative (n_t,) of the acting value along a mode of a prescribed force."""
+        """Derivative (n_t,) of the acting value along a mode of what is prescribed."""
         if self.modes is None or (self.control != "force" and self.of_machine):
             raise StudyError(f"march: a derivative along mode {mode} of the loading was asked for; expected a prescribed load with modes")
         if not self.of_machine:
@@ -142,16 +142,26 @@ def shown_force(force: np.ndarray, recorded: np.ndarray, parameters: Parameters)
 
         R - (a(R) - F) / a'(R),   a: `acting_force`.
 
-    Without a' an effect that makes all forces smaller would make what is left smaller, too."""
-    return np.asarray(recorded - (acting_force(recorded, parameters) - force) / _slope(recorded, parameters))
+    Without a' an effect that makes all forces smaller would make what is left smaller, too. NumericsError where the force that acts does
+    not grow with the recorded one: then many recorded forces would make the same."""
+    return np.asarray(recorded - (acting_force(recorded, parameters) - force) / _growth(recorded, parameters))
 
 
 def shown_force_rate(force: np.ndarray, rate: np.ndarray, recorded: np.ndarray, parameters: Parameters, name: str) -> np.ndarray:
     """Derivative (n_t,) of `shown_force` by one parameter, by which F changes at `rate` (n_t,)."""
-    slope = _slope(recorded, parameters)
+    slope = _growth(recorded, parameters)
     off = (acting_force(recorded, parameters) - force) / slope
     moved = acting_force_rate(recorded, parameters, name) - rate
     return np.asarray((off * _slope(recorded, parameters, name) - moved) / slope)
+
+
+def _growth(recorded: np.ndarray, parameters: Parameters) -> np.ndarray:
+    """a'(R) (n_t,), above zero. NumericsError where it is not."""
+    slope = _slope(recorded, parameters)
+    if np.any(slope <= 0.0):
+        on = ", ".join(e.name for e in effects(LOAD) if e.is_on(parameters))
+        raise NumericsError(f"load cell: with {on} the force on the specimen does not grow with the recorded one; use a law that grows")
+    return slope
 
 
 def _slope(recorded: np.ndarray, parameters: Parameters, name: str | None = None) -> np.ndarray:

@@ -17,7 +17,7 @@ from thermofit.diagnose.quiet import quiet, with_quiet
 from thermofit.diagnose.unlisted_field import Basis, roughness
 from thermofit.diagnose.unlisted_second import Second
 from thermofit.experiment.missing import Grid
-from thermofit.fit.budget import NOISE, QUIET, Budget
+from thermofit.fit.budget import NOISE, QUIET, QUIET_EFFECT, Budget
 from thermofit.fit.linear_model import LinearModel
 from thermofit.fit.result import FitResult
 
@@ -66,7 +66,8 @@ def closed(size: float, seed: int = 5, **case: Any) -> Closed:
     made |= {"x": start.free_step, "at_bound": np.zeros(3, dtype=bool)}
     fit = FitResult(**{f: made.get(f) for f in FitResult.__dataclass_fields__})  # type: ignore[arg-type]
     own = {"cheap": False, "model": SimpleNamespace(missing=True), "parameters": CASE.parameters}
-    here: Any = SimpleNamespace(case=Body(**own | case), rows=None, problem=SimpleNamespace(model=SimpleNamespace(left=at)))
+    problem = SimpleNamespace(model=SimpleNamespace(left=at), dormant={})
+    here: Any = SimpleNamespace(case=Body(**own | case), rows=None, problem=problem, ranking=SimpleNamespace(scores=()))
     budget = Budget(NAMES, {NOISE: np.diag(spread.sigma)}, np.zeros(3, dtype=bool))
     return Closed((), here, here, fit, (), (), None, None, budget=budget)  # type: ignore[arg-type]
 
@@ -165,3 +166,80 @@ def test_only_of_a_body_whose_parameters_are_told_with_errors(monkeypatch: pytes
     monkeypatch.setattr(module, "histories", fails)
     failed = with_quiet(one, None)
     assert failed.fit is one.fit and failed.remarks[-1].endswith("is not known: a run failed (no run)")
+
+
+# Almost all of what a modulus that changes does, E does: one of two stretches of its rows shows the rest.
+UNLOADED = np.arange(N) < 30
+MODULUS = np.where(UNLOADED, 1.1, 0.9) * JACOBIAN[:, 0]
+OTHERS = {"lamp": np.random.default_rng(9).normal(size=(N, 1)), "unfelt": np.zeros((N, 1))}
+CHANGES = 15.0
+
+
+def lacking(size: float, seed: int = 5, **without: Any) -> Closed:
+    """A joint fit of data that hold an effect of that size which the model lacks; `without`: what replaces parts of the result."""
+    begun = closed(0.0, seed)
+    start = LinearModel(np.random.default_rng(seed).normal(size=N) - size * MODULUS, JACOBIAN)
+    at = start.residual + JACOBIAN @ start.free_step
+    dormant = {"elastic_degradation": (("degradation",), MODULUS[:, None]), **{n: ((n,), block) for n, block in OTHERS.items()}}
+    here: Any = begun.last
+    scores = tuple(SimpleNamespace(effect=name, vetoed="") for name in dormant)
+    here = SimpleNamespace(**vars(here) | {"problem": SimpleNamespace(model=SimpleNamespace(left=at), dormant=dormant)})
+    here.ranking = SimpleNamespace(scores=scores)
+    return replace(begun, fit=replace(begun.fit, residual=at, x=start.free_step), last=here, **without)
+
+
+def only_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "quiet_histories", lambda *_: [])
+
+
+def _modulus(of: Closed) -> float:
+    """The standard error of E."""
+    assert of.fit.sigma is not None
+    return float(of.fit.sigma[0])
+
+
+def tried(gain: float, sigma: float, *effects: str) -> Any:
+    return SimpleNamespace(trials=(SimpleNamespace(effects=effects, gain=gain, proof=SimpleNamespace(sigma=sigma)),))
+
+
+def test_an_effect_that_takes_little_of_the_error_moves_what_a_few_rows_tell(monkeypatch: pytest.MonkeyPatch) -> None:
+    only_effects(monkeypatch)
+    before = lacking(CHANGES)
+    after = with_quiet(before, None)
+    off = float(before.fit.x[0])
+    assert after.budget is not None and after.fit.sigma is not None
+    assert abs(off) > 8.0 * _modulus(before) and abs(off) < 2.0 * _modulus(after)
+    assert after.fit.sigma[1:] == pytest.approx(before.fit.sigma[1:], rel=0.2), "the others are known as before"
+    assert list(after.budget.parts) == [NOISE, QUIET_EFFECT] and after.budget.sigma == pytest.approx(after.fit.sigma)
+    assert after.remarks[-1].startswith("intervals hold what elastic_degradation would make of the parameters, most of all of E +-")
+
+
+def test_of_no_effect_it_is_said_no_more_often_than_by_chance(monkeypatch: pytest.MonkeyPatch) -> None:
+    only_effects(monkeypatch)
+    ends = [(_modulus(one), with_quiet(one, None)) for one in (lacking(0.0, seed) for seed in range(40))]
+    assert sum(bool(end.remarks) for _, end in ends) <= 2
+    assert np.median([_modulus(end) / begin for begin, end in ends]) < 1.2
+
+
+def test_what_a_refit_or_a_bound_rules_out_is_no_effect_that_may_be_there() -> None:
+    assert set(module.candidates(lacking(CHANGES))) == {"elastic_degradation", *OTHERS}
+    left = set(OTHERS)
+    assert set(module.candidates(lacking(CHANGES, dropped=("elastic_degradation",)))) == left
+    assert set(module.candidates(lacking(CHANGES, rounds=(tried(0.0, 1e-4, "elastic_degradation"),)))) == left
+    for of_refit in (tried(0.001, 3e-4, "elastic_degradation"), tried(0.0, 1e-4, "elastic_degradation", "lamp")):
+        assert "elastic_degradation" in module.candidates(lacking(CHANGES, rounds=(of_refit,)))
+    early = (tried(0.0, 1e-4, "elastic_degradation"), tried(0.0, 1e-4, "lamp"))
+    assert set(module.candidates(lacking(CHANGES, rounds=early))) == {"elastic_degradation", "unfelt"}, "the last round alone"
+    vetoed = lacking(CHANGES)
+    for score in vetoed.last.ranking.scores:
+        score.vetoed = "below nothing" if score.effect == "lamp" else ""  # type: ignore[misc]
+    assert set(module.candidates(vetoed)) == {"elastic_degradation", "unfelt"}
+
+
+def test_what_the_mesh_could_make_is_no_effect() -> None:
+    fit = lacking(CHANGES).fit
+    known, effects = LinearModel(fit.residual, JACOBIAN), module.candidates(lacking(CHANGES))
+    found = [module.quiet_effects(known, errors, effects) for errors in (np.zeros((N, 0)), CHANGES * MODULUS[:, None])]
+    bare, beside = (one.likelihood["elastic_degradation"] for one in found if one is not None)
+    assert bare > 0.99 and beside < 0.1
+    assert module.quiet_effects(known, np.zeros((N, 0)), {"unfelt": OTHERS["unfelt"]}) is None

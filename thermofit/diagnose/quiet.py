@@ -1,4 +1,4 @@
-"""Histories that nothing tells, and what they may make of the fitted parameters all the same.
+"""Histories and effects that nothing tells, and what they may make of the fitted parameters all the same.
 
 A jaw, a film or a camera may change by so little that held-out data gain less by it than an answer has to, and still move a conductivity by
 many of its standard errors: all of it that parameters could take, they have. So at the end every kind k of history that a channel may have,
@@ -10,11 +10,15 @@ standard errors hold
 more. What may be left of the errors of mesh and steps is free beside them: it is no history. A kind of which the data show nothing has its
 lambda at the largest, moves nothing, and adds nothing. Each channel is asked by itself. Where parameters are told beside something
 unlisted, the other channels are asked beside it (`beside_source`).
+
+So is every effect of the catalogue that is not in the model. One that changes a modulus takes hardly any of the error of a whole test, for
+an unloading is a small part of it, and all of the modulus. Its columns stand for the hats, with a ridge for the roughness. An effect whose
+refit does not lower held-out error, or that cannot be, is none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,47 +26,91 @@ import numpy as np
 from thermofit.core.errors import NumericsError
 from thermofit.diagnose.case import Case
 from thermofit.diagnose.combined import errors_of, with_wider
+from thermofit.diagnose.held_out import SURE
 from thermofit.diagnose.loop import Closed
 from thermofit.diagnose.unlisted import IN_TIME, LIKELIER, Unlisted, broad_basis, has_parameters, histories
+from thermofit.diagnose.unlisted_field import Basis
 from thermofit.diagnose.unlisted_second import Second, held_beside, mixed
 from thermofit.diagnose.unlisted_structure import Structure, structures
 from thermofit.diagnose.widened import most_widened, widened
-from thermofit.experiment.missing import KINDS
-from thermofit.fit.budget import QUIET
+from thermofit.experiment.missing import KINDS, Grid
+from thermofit.fit.budget import QUIET, QUIET_EFFECT
 from thermofit.fit.linear_model import LinearModel
+from thermofit.fit.result import FitResult
 from thermofit.records.progress import progress
 
 RARE = 0.05
-"""How likely it is, before the data speak, that a channel has a history which nothing tells: as often as chance may name an effect."""
+"""How likely it is, before the data speak, that a channel has a history which nothing tells, or the model lacks an effect: as often as
+chance may name an effect."""
 
 
 def with_quiet(closed: Closed, missing: Unlisted | None) -> Closed:
-    """The loop's result with standard errors that know what histories which nothing tells may make of the parameters of a body, and a
-    remark where one is likelier than not; the same where parameters are told beside something unlisted, or none is widened. Where a
+    """The loop's result with standard errors that know what histories and effects which nothing tells may make of the parameters of a body,
+    and a remark where one is likelier than not; the same where parameters are told beside something unlisted, or none is widened. Where a
     run for it fails, a remark says so."""
     here, fit, case = closed.last, closed.fit, closed.last.case
     if case.cheap or fit.covariance is None or fit.jacobian is None or case.model.missing is None or has_parameters(missing):
         return closed
-    there = replace(case, parameters=case.parameters.with_free(fit.names))
+    there, known = replace(case, parameters=case.parameters.with_free(fit.names)), LinearModel(fit.residual, fit.jacobian)
     try:
         errors = errors_of(there, fit.jacobian)
         channels = structures(case, here.rows, here.problem.model.left, None)
-        found = quiet_histories(LinearModel(fit.residual, fit.jacobian), errors, there, channels)
+        found = quiet_histories(known, errors, there, channels)
     except NumericsError as error:
         words = f"what histories that nothing tells may make of the parameters is not known: a run failed ({error})"
         return replace(closed, remarks=(*closed.remarks, words))
     wider, likely = fit, list[str]()
     for one in found:
         wider = widened(wider, one.covariance)
-        likely += [KINDS[kind].words for kind, part in one.likelihood.items() if part > LIKELIER]
-    most = most_widened(fit, wider)
-    if not most:
+        likely += likely_ones(one)
+    closed = _with_remark(with_wider(closed, QUIET, wider), fit, likely) if most_widened(fit, wider) else closed
+    effects = quiet_effects(known, errors, candidates(closed))
+    if effects is None or not most_widened(fit := closed.fit, wider := widened(fit, effects.covariance)):
         return closed
-    closed = with_wider(closed, QUIET, wider)
+    return _with_remark(with_wider(closed, QUIET_EFFECT, wider), fit, likely_ones(effects))
+
+
+def likely_ones(found: Second) -> list[str]:
+    """What is likelier than not, in words."""
+    return [f"a quiet {KINDS[kind].words}" if kind in KINDS else kind for kind, part in found.likelihood.items() if part > LIKELIER]
+
+
+def _with_remark(closed: Closed, before: FitResult, likely: Sequence[str]) -> Closed:
+    """The loop's result with a remark on what is likelier than not and has widened the fit `before`; the same where nothing is."""
     if not likely:
         return closed
-    words = f"intervals hold what a quiet {' and a quiet '.join(likely)} would make of the parameters, most of all of {most}"
+    most = most_widened(before, closed.fit)
+    words = f"intervals hold what {' and '.join(likely)} would make of the parameters, most of all of {most}"
     return replace(closed, remarks=(*closed.remarks, f"{words}: too small to be told, and not excluded"))
+
+
+def candidates(closed: Closed) -> dict[str, np.ndarray]:
+    """Columns (n, k) of the effects that may be there at the end of the loop although nothing tells them, at the values of their exponents
+    that do most. An effect whose refit in the last round, or by which it was taken back, does not lower held-out error is none."""
+    here = closed.last
+    possible = {s.effect for s in here.ranking.scores if not s.vetoed} - set(closed.dropped)
+    alone = [t for r in closed.rounds[-1:] for t in r.trials if len(t.effects) == 1]
+    refuted = {n for t in alone if t.proof is not None and t.gain <= SURE * t.proof.sigma for n in t.effects}
+    return {n: block for n, (_, block) in here.problem.dormant.items() if n in possible - refuted}
+
+
+def quiet_effects(known: LinearModel, errors: np.ndarray, effects: Mapping[str, np.ndarray]) -> Second | None:
+    """How likely every effect is of which `effects` has columns (n, k), and E (p, p) of the fitted parameters; None where nothing of any
+    effect shows beyond them. `known` and `errors` as for `quiet`: what the errors could make is no effect."""
+    p, whole = known.columns.shape[1], _beside_errors(known, errors)
+    padded = {name: np.pad(block, ((0, len(whole.residual) - len(block)), (0, 0))) for name, block in effects.items()}
+    felt = {name: block for name, block in padded.items() if whole.sensitive(block).shape[1] == block.shape[1]}
+    if not felt:
+        return None
+    found = mixed(whole, {name: _with_ridge(name, block) for name, block in felt.items()}, RARE)
+    return replace(found, covariance=found.covariance[:p, :p])
+
+
+def _with_ridge(name: str, block: np.ndarray) -> Basis:
+    """The columns (n, k) of an effect, scaled to length one, in the place of hats; a ridge is their roughness."""
+    k = block.shape[1]
+    nowhere = Grid(np.zeros(1), np.zeros(1, dtype=int), np.zeros(1), np.zeros(1))
+    return Basis(name, "", nowhere, np.arange(k), np.arange(len(block)), block / np.linalg.norm(block, axis=0), np.eye(k))
 
 
 def quiet_histories(known: LinearModel, errors: np.ndarray, case: Case, channels: Sequence[Structure]) -> list[Second]:
@@ -87,7 +135,12 @@ def quiet(known: LinearModel, errors: np.ndarray, case: Case, structure: Structu
         kinds[broad.kind] = broad
     if not kinds:
         return None
-    p, m = len(case.parameters.free), errors.shape[1]
-    longer = np.pad(errors, ((0, len(known.residual) - len(errors)), (0, 0)))  # rows that hold a term know nothing of them
-    found = mixed(held_beside(known, longer, np.eye(m)), kinds, RARE)
+    p = len(case.parameters.free)
+    found = mixed(_beside_errors(known, errors), kinds, RARE)
     return replace(found, covariance=found.covariance[:p, :p])
+
+
+def _beside_errors(known: LinearModel, errors: np.ndarray) -> LinearModel:
+    """The linear model with errors (n, m) free beside it, each held by its standard error; rows that hold a term know nothing of them."""
+    longer = np.pad(errors, ((0, len(known.residual) - len(errors)), (0, 0)))
+    return held_beside(known, longer, np.eye(errors.shape[1]))

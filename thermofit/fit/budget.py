@@ -33,6 +33,8 @@ EXCHANGED = "exchange of equal forms"
 """The same model with the values of an added effect and of a part of the base model that is of its form exchanged."""
 QUIET = "quiet histories"
 """What histories that nothing tells, for they lower no error that counts, may make of the parameters."""
+QUIET_EFFECT = "quiet effects"
+"""What effects that nothing tells may make of them."""
 PULLED = "pull of temperatures"
 """How far temperatures pull parameters of the motion from where displacements have them, beside an added heat."""
 

@@ -23,6 +23,7 @@ from thermofit.fit.budget import (
     OTHER_FORM,
     PULLED,
     QUIET,
+    QUIET_EFFECT,
     SLOWER_RATES,
     Budget,
 )
@@ -52,6 +53,7 @@ _HELP = {
     FORM_OF_HEAT: "a measurement of the stored energy by itself, or capacity and expansion from another one",
     PULLED: "displacements with less noise, or a heat effect that has the form of this material's",
     QUIET: "temperatures of air and of both jaws recorded throughout the test, and a rest that shows what of the cameras drifts",
+    QUIET_EFFECT: "a test that shows more of the effects which may be there, as an unloading does of a modulus",
     SLOWER_RATES: "a phase of the test in which the material flows more slowly",
     **dict.fromkeys(THERMOCOUPLES, "temperatures of air and jaws read to less than 0.1 K, or a longer cooling in the record"),
 }

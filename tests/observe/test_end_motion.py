@@ -75,6 +75,49 @@ def test_the_force_tells_how_far_it_went_before_it_turned(smooth: SmoothForce) -
     assert found[np.isin(times, seen().time)] == pytest.approx(true[np.isin(times, seen().time)], abs=1e-9)
 
 
+AGAIN, YIELDS = 60.0, 64.3
+"""s; loaded again from there at 400 N/s, and yielding there."""
+
+
+def reloaded(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same bar loaded again: it yields, as softly as a bar with a backstress does, below the force that it was unloaded from."""
+    force, elongation = course(np.minimum(time, AGAIN))
+    force = force + 400.0 * (np.clip(time, AGAIN, YIELDS) - AGAIN) + 20.0 * np.clip(time - YIELDS, 0.0, None)
+    return force, force / STIFF + (elongation - course(np.minimum(time, AGAIN))[0] / STIFF) + 0.08 * np.clip(time - YIELDS, 0.0, None)
+
+
+def test_flow_begins_at_the_knee_of_the_force() -> None:
+    time = np.arange(0.0, 80.0, 0.1)
+    record = ForceRecord(time, reloaded(time)[0] + 2.0 * RNG.normal(size=len(time)), None, ())
+    largest = course(np.array([TURN]))[0][0]
+    assert 0.9 * largest + 200.0 < reloaded(np.array([YIELDS]))[0][0] < largest, "it may flow for more than half a second before"
+    stages = np.arange(0.0, 79.0, 4.0) + 0.5
+    motion = EndMotion(stages, reloaded(stages)[1], 3e-4, 90, Gauge(np.zeros((2, 2)), np.array([-1.0, 1.0])))
+    times = np.linspace(0.5, 76.5, 400)
+    found = motion.at(times, 3.0, smooth_force(record))
+    assert np.abs(found - reloaded(times)[1])[times > 3.0].max() < 0.003, "a tenth of the flow of half a second"
+
+
+def test_what_flows_already_goes_on_though_a_knee_follows() -> None:
+    """Pulled at half the rate from 30 s on, and hardening less from 41.5 s on: both bend the force, and neither begins to flow."""
+    time = np.arange(0.0, 60.0, 0.1)
+
+    def both(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        own = t - 0.5 * np.clip(t - 30.0, 0.0, None)
+        force, elongation = course(np.minimum(own, 45.0))
+        more = 60.0 * np.clip(own - 13.0, 0.0, 22.75)
+        return force + more, elongation + more / STIFF
+
+    crosshead = 0.1 * np.clip(time - 3.0 - 0.5 * np.clip(time - 30.0, 0.0, None), 0.0, None) + 3e-4 * RNG.normal(size=len(time))
+    smooth = smooth_force(ForceRecord(time, both(time)[0] + 2.0 * RNG.normal(size=len(time)), crosshead, ()))
+    loading = [p.t0 for p in smooth.phases.items if p.kind == "loading"]
+    assert loading[-1] == pytest.approx(30.0, abs=0.2) and smooth.phases.knees[-1] == pytest.approx(41.5, abs=0.2)
+    stages = np.append(np.arange(0.0, 56.0, 4.0) + 0.5, 56.0)
+    motion = EndMotion(stages, both(stages)[1], 3e-4, 90, Gauge(np.zeros((2, 2)), np.array([-1.0, 1.0])))
+    times = np.linspace(0.5, 55.0, 300)
+    assert np.abs(motion.at(times, 3.0, smooth) - both(times)[1])[times > 34.5].max() < 0.01
+
+
 def test_noise_of_the_elongation_is_force_by_the_stiffness_of_the_moment(smooth: SmoothForce) -> None:
     assert seen().stiffness(smooth) == pytest.approx(STIFF, rel=0.01)
     error = seen().force_error(smooth)

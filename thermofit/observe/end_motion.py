@@ -9,6 +9,7 @@ import numpy as np
 from thermofit.core.errors import DataError
 from thermofit.core.experiment import DicField
 from thermofit.observe.force import SmoothForce
+from thermofit.observe.phases import Phase
 
 _LEAST = 6
 """Points of an end section at least: its plane has three coefficients."""
@@ -49,7 +50,8 @@ class EndMotion:
         a time lies after the last.
 
         Between two stages the force tells how far the specimen was strained before it turned: what is elastic of the elongation follows
-        the force, and the rest grows while the specimen is loaded and may flow. Without a force it is straight from stage to stage.
+        the force, and the rest grows while the specimen is loaded and may flow, from the knee of the force on. Without a force it is
+        straight from stage to stage.
         """
         if self.time[0] > load_start + 1e-6:
             raise DataError(
@@ -116,16 +118,21 @@ def _turned(motion: EndMotion, times: np.ndarray, force: SmoothForce) -> np.ndar
     usual, own = motion.stiffness(force), _unloadings(motion, force)
     if not np.isfinite(usual):
         return np.interp(times, motion.time, motion.elongation)
-    grid = np.union1d(np.union1d(times, motion.time), np.concatenate([[p.t0, p.t1] for p in force.phases.items]))
+    edges = np.concatenate([*([p.t0, p.t1] for p in force.phases.items), force.phases.knees])
+    grid = np.union1d(np.union1d(times, motion.time), edges)
     grid = grid[(grid >= motion.time[0]) & (grid <= motion.time[-1])]
     f = _force_at(force, grid)
     middle = 0.5 * (grid[1:] + grid[:-1])
     loaded = np.zeros(len(middle), dtype=bool)
+    largest = np.maximum.accumulate(np.abs(f))
+    may_flow, flowed = np.abs(f) >= _FLOWS * largest, False
     for phase in force.phases.items:
         if phase.kind == "loading":
-            loaded |= (middle > phase.t0) & (middle < phase.t1)
-    largest = np.maximum.accumulate(np.abs(f))
-    flows = loaded & (np.abs(f[1:]) >= _FLOWS * largest[1:])
+            goes_on = flowed and bool(may_flow[min(np.searchsorted(grid, phase.t0), len(grid) - 1)])
+            begins = phase.t0 if goes_on else _yields_at(phase, force.phases.knees, grid[may_flow])
+            loaded |= (middle > begins) & (middle < phase.t1)
+            flowed = True
+    flows = loaded & may_flow[1:]
     clock = np.append(0.0, np.cumsum(np.where(flows, np.diff(grid), 0.0)))
     stage = np.minimum(np.searchsorted(motion.time, times, side="right") - 1, len(motion.time) - 2)
     stage = np.maximum(stage, 0)
@@ -142,6 +149,13 @@ def _turned(motion: EndMotion, times: np.ndarray, force: SmoothForce) -> np.ndar
     share = np.where(length > 0.0, (at - tick[stage]) / np.where(length > 0.0, length, 1.0), in_time)
     rest = before[stage] + (after - before)[stage] * np.clip(share, 0.0, 1.0)
     return np.asarray(rest + np.interp(times, grid, f) / stiff[stage])
+
+
+def _yields_at(phase: Phase, knees: np.ndarray, may_flow: np.ndarray) -> float:
+    """When a specimen yields in a phase of loading that begins elastic: at the first knee of the force among the times (n,) at which it
+    `may_flow`; where there is none, as soon as it may."""
+    own = knees[(knees > phase.t0) & (knees < phase.t1) & np.isin(knees, may_flow)]
+    return float(own.min()) if len(own) else phase.t0
 
 
 def end_motion(dic: DicField, ends: tuple[float, float], band: float, load_start: float | None = None) -> EndMotion:

@@ -13,11 +13,12 @@ from seen_field import case_of
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
-from thermofit.diagnose import other_form
+from thermofit.diagnose import other_form, stand_ins
 from thermofit.diagnose.backward import Means
 from thermofit.diagnose.beside_source import FORM
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.other_form import by_another, with_other_forms
+from thermofit.diagnose.other_form import with_other_forms
+from thermofit.diagnose.stand_ins import by_another
 from thermofit.fit.budget import NOISE, OTHER_FORM, Budget, root_of
 
 ON = {"ir_drift.rate": 0.02}
@@ -45,7 +46,8 @@ def test_intervals_hold_where_the_stand_in_has_the_parameters(drift: Closed, mon
     name = next(n for n in drift.fit.names if not n.startswith("ir_drift"))
     k = drift.fit.names.index(name)
     moved = here.case.parameters.replace(**{name: here.case.parameters[name] * 1.3, "ir_drift.rate": 0.0})
-    monkeypatch.setattr(other_form, "by_another", lambda *_: moved)
+    there = SimpleNamespace(case=SimpleNamespace(parameters=moved))
+    monkeypatch.setattr(other_form, "by_another", lambda *_: (there, drift.fit))
     before = with_(drift, "ir_gain", "ir_emissivity")
     found = with_other_forms(before, "auto")
     added = found.fit.sigma**2 - before.fit.sigma**2  # type: ignore[operator]
@@ -96,9 +98,9 @@ def test_it_begins_in_the_stead_of_what_was_added(drift: Closed, monkeypatch: py
     assert start["ir_drift.rate"] == 0.0 and "ir_drift.rate" not in start.free and amplitude in start.free
     assert start[amplitude] != here.case.parameters[amplitude] and label.startswith(f"{other} in the stead of ir_drift")
     assert told is None, "a drift of many standard errors is no gain"
-    monkeypatch.setattr(other_form, "compared", lambda *_: SimpleNamespace(convinces=False))
+    monkeypatch.setattr(stand_ins, "compared", lambda *_: SimpleNamespace(convinces=False))
     found = by_another(here, "ir_drift", other, means)
-    assert found is not None and found[amplitude] != start[amplitude]
+    assert found is not None and found[0].case.parameters[amplitude] != start[amplitude]
 
 
 def test_parameters_that_temperatures_do_not_show_step_with_it(drift: Closed, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,6 +115,6 @@ def test_parameters_that_temperatures_do_not_show_step_with_it(drift: Closed, mo
 
     means: Any = Means(refit, None, "auto")
     for warm, moves in ((others, False), ((), True)):
-        monkeypatch.setattr(other_form, "acting_on_temperatures", lambda _, warm=warm: warm)
+        monkeypatch.setattr(stand_ins, "acting_on_temperatures", lambda _, warm=warm: warm)
         by_another(here, "ir_drift", other, means)
         assert any(begun[-1][n] != here.case.parameters[n] for n in others) is moves

@@ -15,7 +15,8 @@ from thermofit.core.errors import NumericsError
 from thermofit.diagnose import stand_ins as module
 from thermofit.diagnose.backward import held_out_of
 from thermofit.diagnose.loop import Closed, close_loop, like_of
-from thermofit.diagnose.stand_ins import stand_ins, with_stand_ins
+from thermofit.diagnose.other_form import with_stand_ins
+from thermofit.diagnose.stand_ins import stand_ins
 from thermofit.diagnose.trace import Traced
 
 ON = {"ir_drift.rate": 0.02}

@@ -13,6 +13,7 @@ from thermofit.core.parameters import Parameters, param
 from thermofit.diagnose.any_form import beside_any_form, or_any_form
 from thermofit.diagnose.backward import Means, compensated, held_out_of, proof_against, still_needed, without
 from thermofit.diagnose.case import Case, Refit
+from thermofit.diagnose.earlier_form import families_of, in_another_form
 from thermofit.diagnose.held_out import SURE, compared
 from thermofit.diagnose.on_displacements import by_displacements
 from thermofit.diagnose.pairs import best_pair, leaves_more_than_it_takes
@@ -147,6 +148,18 @@ def close_loop(case: Case, fit: FitResult, refit: Refit, max_effects: int, numer
             rounds.append(Round(here, tuple(trials), ()))
             break
         trial, (end, end_fit) = winner
+        families = {n: f for n, f in families_of(accepted_trials(rounds)).items() if n in accepted and not is_held(here, n)}
+        instead, words = in_another_form(here, fit, families, end, Means(refit, numerical, how), dropped)
+        remarks += words
+        if instead is not None:
+            needless = f"needless where {instead.other} stands for {instead.name}"
+            tried_ones = (*(replace(t, refused=needless) if t is trial else t for t in trials), instead.trial)
+            rounds.append(Round(here, tried_ones, (instead.other,), place_of(instead.here)))
+            accepted = [instead.other if n == instead.name else n for n in accepted]
+            dropped.append(instead.name)
+            remarks.append(f"{instead.other} stands for {instead.name}: beside it {' and '.join(trial.effects)} would be needless")
+            here, fit = instead.here, instead.fit
+            continue
         rounds.append(Round(here, tuple(trials), trial.effects, place_of(end)))
         again = rejudged(end, end_fit, (*accepted, *trial.effects), ends_of_fit(here, fit), Means(refit, numerical, how))
         here, fit = again.here, again.fit
@@ -318,10 +331,15 @@ def against_base(closed: Closed, how: str) -> Closed:
     return closed
 
 
+def accepted_trials(rounds: Sequence[Round]) -> list[Trial]:
+    """The trials of what every round has accepted."""
+    return [t for r in rounds for t in r.trials if t.effects == r.accepted]
+
+
 def like_of(closed: Closed) -> dict[str, tuple[str, ...]]:
     """Effects that the data do not tell from each accepted one, without what was accepted besides, which is needed at the end: as the end
     tells them, or else the rounds that accepted them."""
-    found = {s.effect: s.family for r in closed.rounds for t in r.trials if t.effects == r.accepted for s in t.scores}
+    found = families_of(accepted_trials(closed.rounds))
     families = found if closed.stand_ins is None else closed.stand_ins
     return {name: tuple(n for n in families.get(name, ()) if n != name and n not in closed.accepted) for name in closed.accepted}
 

@@ -13,21 +13,21 @@ from dataclasses import replace
 import numpy as np
 
 from thermofit.core.errors import NumericsError
-from thermofit.core.parameters import Parameters
-from thermofit.diagnose.backward import Means, held_out_of, neutral
+from thermofit.diagnose.backward import Means
 from thermofit.diagnose.combined import with_wider
-from thermofit.diagnose.held_out import compared
-from thermofit.diagnose.loop import Closed
-from thermofit.diagnose.refit import EXPONENTS, with_effect
-from thermofit.diagnose.stand_ins import at_neutral, best_of
-from thermofit.diagnose.trace import Traced, room_of
+from thermofit.diagnose.loop import Closed, like_of
+from thermofit.diagnose.stand_ins import TRIED, by_another, stand_ins
 from thermofit.diagnose.widened import most_widened, widened
 from thermofit.effects.catalogue import effect
-from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.budget import OTHER_FORM
 
-TRIED = 2
-"""Stand-ins of an effect that are fitted at most, the most alike first."""
+
+def with_stand_ins(closed: Closed) -> Closed:
+    """The loop's result with the stand-ins of every accepted effect: of a body those that held-out data do not tell from it at the end."""
+    here = closed.last
+    if here.case.cheap or not here.whole:
+        return closed
+    return replace(closed, stand_ins={name: stand_ins(here, name, others) for name, others in like_of(closed).items()})
 
 
 def with_other_forms(closed: Closed, how: str) -> Closed:
@@ -50,7 +50,8 @@ def with_other_forms(closed: Closed, how: str) -> Closed:
             if moved is None:
                 told.append(other)
                 continue
-            apart = np.array([moved[n] - closed.last.case.parameters[n] if n not in effect(name).names else 0.0 for n in fit.names])
+            there = moved[0].case.parameters
+            apart = np.array([there[n] - closed.last.case.parameters[n] if n not in effect(name).names else 0.0 for n in fit.names])
             wider = widened(wider, np.outer(apart, apart))
             forms.append(f"{other} in the stead of {name}")
             break
@@ -61,25 +62,3 @@ def with_other_forms(closed: Closed, how: str) -> Closed:
         return closed
     words = f"intervals hold what {' and '.join(forms)} would make of the parameters, most of all {most}"
     return with_wider(replace(closed, remarks=(*closed.remarks, words)), OTHER_FORM, wider)
-
-
-def by_another(here: Traced, name: str, other: str, means: Means) -> Parameters | None:
-    """The parameters with the other effect fitted in the stead of the accepted one; None where held-out data are then predicted worse.
-    NumericsError where a run fails."""
-    parameters = here.case.parameters
-    without = neutral(parameters, [name])
-    rest, names = at_neutral(here, name), here.problem.dormant[other][0]
-    room = room_of(parameters, without.free, here.case.reach)
-    step = replace(rest, bounds=room).with_columns(best_of(here, rest, other), room_of(parameters, names)).step.d
-    # What the yield stress takes over from the other form has to go with it, else the force is not carried.
-    warm = acting_on_temperatures(without.free)
-    moved = {n: parameters[n] + float(d) for n, d in zip(without.free, step[: -len(names)], strict=True) if n not in warm}
-    estimate = {n: parameters[n] + float(d) for n, d in zip(names, step[-len(names) :], strict=True)}
-    start = with_effect(without.replace(**moved), other, estimate | here.settings.get(other, {}))
-    exponents = tuple(p.name for p in effect(other).exponents)
-    label = f"{other} in the stead of {name}{EXPONENTS if exponents else ''}"
-    end = means.refit(start.with_free((*start.free, *exponents)), label, exponents=bool(exponents))
-    there = means.at_end(here, end)
-    ends, folds = (held_out_of(there), held_out_of(here)), len(here.split.held_out)
-    told = compared(*ends, here.rows, folds, here.problem.model.noise, here.columns.residual)
-    return None if told.convinces else end[0]

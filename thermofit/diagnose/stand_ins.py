@@ -16,23 +16,19 @@ import numpy as np
 
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import param
-from thermofit.diagnose.backward import held_out_of, neutral, without_effects
+from thermofit.diagnose.backward import Means, held_out_of, neutral, without_effects
 from thermofit.diagnose.held_out import SURE, compared
-from thermofit.diagnose.loop import Closed, like_of
+from thermofit.diagnose.refit import EXPONENTS, with_effect
 from thermofit.diagnose.rescored import hidden, refitted
 from thermofit.diagnose.score import ALIKE, likeness
 from thermofit.diagnose.trace import Traced, room_of
 from thermofit.effects.catalogue import effect
 from thermofit.experiment.known_motion import acting_on_temperatures
 from thermofit.fit.linear_model import LinearModel
+from thermofit.fit.result import FitResult
 
-
-def with_stand_ins(closed: Closed) -> Closed:
-    """The loop's result with the stand-ins of every accepted effect: of a body those that held-out data do not tell from it at the end."""
-    here = closed.last
-    if here.case.cheap or not here.whole:
-        return closed
-    return replace(closed, stand_ins={name: stand_ins(here, name, others) for name, others in like_of(closed).items()})
+TRIED = 2
+"""Stand-ins of an effect that are fitted at most, the most alike first."""
 
 
 def stand_ins(here: Traced, name: str, family: tuple[str, ...] = ()) -> tuple[str, ...]:
@@ -75,6 +71,29 @@ def _told_by_refit(here: Traced, name: str, other: str) -> bool:
         return False
     now, folds = held_out_of(here), len(here.split.held_out)
     return compared(end.held_out, now, here.rows, folds, here.problem.model.noise, here.columns.residual).convinces
+
+
+def by_another(here: Traced, name: str, other: str, means: Means, against: Traced | None = None) -> tuple[Traced, FitResult] | None:
+    """Where a fit with the other effect in the stead of the accepted one ends; None where it predicts held-out data worse than what it is
+    held `against` (None: than with the accepted one). NumericsError where a run fails."""
+    parameters = here.case.parameters
+    without = neutral(parameters, [name])
+    rest, names = at_neutral(here, name), here.problem.dormant[other][0]
+    room = room_of(parameters, without.free, here.case.reach)
+    step = replace(rest, bounds=room).with_columns(best_of(here, rest, other), room_of(parameters, names)).step.d
+    # What the yield stress takes over from the other form has to go with it, else the force is not carried.
+    warm = acting_on_temperatures(without.free)
+    moved = {n: parameters[n] + float(d) for n, d in zip(without.free, step[: -len(names)], strict=True) if n not in warm}
+    estimate = {n: parameters[n] + float(d) for n, d in zip(names, step[-len(names) :], strict=True)}
+    start = with_effect(without.replace(**moved), other, estimate | here.settings.get(other, {}))
+    exponents = tuple(p.name for p in effect(other).exponents)
+    label = f"{other} in the stead of {name}{EXPONENTS if exponents else ''}"
+    end = means.refit(start.with_free((*start.free, *exponents)), label, exponents=bool(exponents))
+    there = means.at_end(here, end)
+    best = here if against is None else against
+    ends, folds = (held_out_of(there), held_out_of(best)), len(here.split.held_out)
+    told = compared(*ends, here.rows, folds, here.problem.model.noise, best.columns.residual)
+    return None if told.convinces else (there, end[1])
 
 
 def _amplitudes(here: Traced, name: str) -> np.ndarray:

@@ -10,12 +10,11 @@ from thermofit.diagnose.heat_of_flow import with_form_of_heat
 from thermofit.diagnose.held_exponents import with_held_exponents
 from thermofit.diagnose.held_law import with_held_law
 from thermofit.diagnose.loop import Closed, close_loop
-from thermofit.diagnose.other_form import with_other_forms
+from thermofit.diagnose.other_form import with_other_forms, with_stand_ins
 from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.pulled import with_pulled
 from thermofit.diagnose.quiet import with_quiet
 from thermofit.diagnose.slowest_rate import with_slowest_rate
-from thermofit.diagnose.stand_ins import with_stand_ins
 from thermofit.diagnose.unlisted import Unlisted
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.study.study import Study

@@ -182,8 +182,8 @@ def lacking(size: float, seed: int = 5, **without: Any) -> Closed:
     at = start.residual + JACOBIAN @ start.free_step
     dormant = {"elastic_degradation": (("degradation",), MODULUS[:, None]), **{n: ((n,), block) for n, block in OTHERS.items()}}
     here: Any = begun.last
-    scores = tuple(SimpleNamespace(effect=name, vetoed="") for name in dormant)
-    here = SimpleNamespace(**vars(here) | {"problem": SimpleNamespace(model=SimpleNamespace(left=at), dormant=dormant)})
+    scores = tuple(SimpleNamespace(effect=name, vetoed="", z=6.0, predicted_drop=36.0) for name in dormant)
+    here = SimpleNamespace(**vars(here) | {"problem": SimpleNamespace(model=SimpleNamespace(left=at), dormant=dormant), "scanned": {}})
     here.ranking = SimpleNamespace(scores=scores)
     return replace(begun, fit=replace(begun.fit, residual=at, x=start.free_step), last=here, **without)
 
@@ -242,4 +242,28 @@ def test_what_the_mesh_could_make_is_no_effect() -> None:
     found = [module.quiet_effects(known, errors, effects) for errors in (np.zeros((N, 0)), CHANGES * MODULUS[:, None])]
     bare, beside = (one.likelihood["elastic_degradation"] for one in found if one is not None)
     assert bare > 0.99 and beside < 0.1
-    assert module.quiet_effects(known, np.zeros((N, 0)), {"unfelt": OTHERS["unfelt"]}) is None
+    assert module.quiet_effects(known, np.zeros((N, 0)), {"unfelt": module.Candidate((OTHERS["unfelt"],), 1.0)}) is None
+
+
+def test_correlated_noise_and_many_tries_make_an_effect_less_likely() -> None:
+    """Of two effects that take the same the one whose noise counts is likelier, and so is the one that was tried at one value only."""
+    fit = lacking(CHANGES).fit
+    known, none = LinearModel(fit.residual, JACOBIAN), np.zeros((N, 0))
+    other = np.random.default_rng(4).normal(size=(N, 1))
+
+    def of(first: module.Candidate, second: module.Candidate) -> dict[str, float]:
+        found = module.quiet_effects(known, none, {"first": first, "second": second})
+        assert found is not None and sum(found.likelihood.values()) > 0.9
+        return dict(found.likelihood)
+
+    whole, half = (module.Candidate((MODULUS[:, None],), counts) for counts in (1.0, 0.5))
+    assert of(whole, whole)["first"] == pytest.approx(of(whole, whole)["second"])
+    assert of(half, whole)["second"] > 0.99
+    tried = module.Candidate((other, MODULUS[:, None], other, other), 1.0)
+    assert of(tried, whole)["second"] == pytest.approx(4.0 * of(tried, whole)["first"], rel=0.1)
+    end = lacking(CHANGES).last
+    (score,) = (s for s in end.ranking.scores if s.effect == "lamp")
+    score.predicted_drop = 144.0  # type: ignore[misc]
+    end.scanned["lamp"] = (({}, other), ({}, OTHERS["lamp"]))  # type: ignore[index]
+    found = module.candidates(replace(lacking(0.0), last=end))
+    assert found["lamp"].counts == pytest.approx(0.25) and len(found["lamp"].blocks) == 2 and found["unfelt"].counts == 1.0

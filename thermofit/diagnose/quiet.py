@@ -19,7 +19,7 @@ refit does not lower held-out error, or that cannot be, is none.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,33 +84,53 @@ def _with_remark(closed: Closed, before: FitResult, likely: Sequence[str]) -> Cl
     return replace(closed, remarks=(*closed.remarks, f"{words}: too small to be told, and not excluded"))
 
 
-def candidates(closed: Closed) -> dict[str, np.ndarray]:
-    """Columns (n, k) of the effects that may be there at the end of the loop although nothing tells them, at the values of their exponents
-    that do most. An effect whose refit in the last round, or by which it was taken back, does not lower held-out error is none."""
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be there although nothing tells it: its columns (n, k) at every value of its exponents that was tried, and the
+    share of what they take of the square sum that counts, for the noise is correlated."""
+
+    blocks: tuple[np.ndarray, ...]
+    counts: float
+
+
+def candidates(closed: Closed) -> dict[str, Candidate]:
+    """The effects that may be there at the end of the loop although nothing tells them. An effect whose refit in the last round, or by
+    which it was taken back, does not lower held-out error is none."""
     here = closed.last
-    possible = {s.effect for s in here.ranking.scores if not s.vetoed} - set(closed.dropped)
     alone = [t for r in closed.rounds[-1:] for t in r.trials if len(t.effects) == 1]
     refuted = {n for t in alone if t.proof is not None and t.gain <= SURE * t.proof.sigma for n in t.effects}
-    return {n: block for n, (_, block) in here.problem.dormant.items() if n in possible - refuted}
+    possible = {s.effect: s for s in here.ranking.scores if not s.vetoed and s.effect not in {*closed.dropped, *refuted}}
+    found = {}
+    for name, score in possible.items():
+        tried = tuple(block for _, block in here.scanned.get(name, ())) or (here.problem.dormant[name][1],)
+        found[name] = Candidate(tried, min(1.0, score.z**2 / max(score.predicted_drop, 1e-300)))
+    return found
 
 
-def quiet_effects(known: LinearModel, errors: np.ndarray, effects: Mapping[str, np.ndarray]) -> Second | None:
-    """How likely every effect is of which `effects` has columns (n, k), and E (p, p) of the fitted parameters; None where nothing of any
-    effect shows beyond them. `known` and `errors` as for `quiet`: what the errors could make is no effect."""
+def quiet_effects(known: LinearModel, errors: np.ndarray, effects: Mapping[str, Candidate]) -> Second | None:
+    """How likely every effect is, and E (p, p) of the fitted parameters; None where nothing of any effect shows beyond them. Every effect
+    is as likely as any other before the data speak, and so is each value of its exponents. `known` and `errors` as for `quiet`: what the
+    errors could make is no effect."""
     p, whole = known.columns.shape[1], _beside_errors(known, errors)
-    padded = {name: np.pad(block, ((0, len(whole.residual) - len(block)), (0, 0))) for name, block in effects.items()}
-    felt = {name: block for name, block in padded.items() if whole.sensitive(block).shape[1] == block.shape[1]}
+    felt: dict[str, list[Basis]] = {}
+    for name, one in effects.items():
+        for block in one.blocks:
+            longer = np.pad(block, ((0, len(whole.residual) - len(block)), (0, 0)))
+            if whole.sensitive(longer).shape[1] == longer.shape[1]:
+                felt.setdefault(name, []).append(_with_ridge(name, longer, one.counts))
     if not felt:
         return None
-    found = mixed(whole, {name: _with_ridge(name, block) for name, block in felt.items()}, RARE)
-    return replace(found, covariance=found.covariance[:p, :p])
+    every = {f"{name} {k}": basis for name, bases in felt.items() for k, basis in enumerate(bases)}
+    found = mixed(whole, every, RARE, [1.0 / len(felt) / len(bases) for bases in felt.values() for _ in bases])
+    of = {name: sum(found.likelihood[f"{name} {k}"] for k in range(len(bases))) for name, bases in felt.items()}
+    return Second(of, found.covariance[:p, :p])
 
 
-def _with_ridge(name: str, block: np.ndarray) -> Basis:
+def _with_ridge(name: str, block: np.ndarray, counts: float) -> Basis:
     """The columns (n, k) of an effect, scaled to length one, in the place of hats; a ridge is their roughness."""
     k = block.shape[1]
     nowhere = Grid(np.zeros(1), np.zeros(1, dtype=int), np.zeros(1), np.zeros(1))
-    return Basis(name, "", nowhere, np.arange(k), np.arange(len(block)), block / np.linalg.norm(block, axis=0), np.eye(k))
+    return Basis(name, "", nowhere, np.arange(k), np.arange(len(block)), block / np.linalg.norm(block, axis=0), np.eye(k), counts=counts)
 
 
 def quiet_histories(known: LinearModel, errors: np.ndarray, case: Case, channels: Sequence[Structure]) -> list[Second]:

@@ -40,7 +40,8 @@ _RANK = 1e-10
 class Basis:
     """Hats of one kind: `chosen` (m,) of those of `grid`, the rows of the residual that feel them, their whitened columns (n_rows, m) and
     roughness R (m, m). Columns beyond m are of other terms that are sought with them. The first `n_own` rows are those of the channel that
-    shows it, all where that is zero: held-out data of these prove a term."""
+    shows it, all where that is zero: held-out data of these prove a term. Where noise is correlated, `counts` is the share of what the
+    logarithm of the likelihood gains that counts."""
 
     kind: str
     unit: str
@@ -50,6 +51,7 @@ class Basis:
     columns: np.ndarray
     rough: np.ndarray
     n_own: int = 0
+    counts: float = 1.0
 
     @property
     def own(self) -> np.ndarray:

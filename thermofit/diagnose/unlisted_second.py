@@ -16,7 +16,7 @@ is less likely than none before the data speak, by b to 1 - b, L_k / K times tha
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,22 +42,24 @@ def second_histories(known: LinearModel, term: MissingField, others: Mapping[str
     return replace(found, covariance=found.covariance[:p, :p])
 
 
-def mixed(whole: LinearModel, others: Mapping[str, Basis], before: float | None = None) -> Second:
+def mixed(whole: LinearModel, others: Mapping[str, Basis], before: float | None = None, parts: Sequence[float] | None = None) -> Second:
     """How likely one history of any kind is beside all that a linear model fits, and what they may make of that; `others`: the hats of each
-    kind, one at least. `before`: how likely any of them is before the data speak, each kind as any other; None: each as none of them."""
+    kind, one at least. `before`: how likely any of them is before the data speak, each kind as any other, or to its share in `parts`; None:
+    each as none of them."""
     own = next(iter(others.values()))
     none = replace(own, columns=own.columns[:, :0], rough=own.rough[:0, :0])
     alone, least = System(whole, none).solved(1.0)
     gains, moved = [0.0], [np.zeros_like(least)]
     for basis in others.values():
         system = System(whole, basis)
-        gained = system.gains
+        gained = system.gains * basis.counts
         step, covariance = system.solved(system.weights[int(np.argmax(gained))])
         away = step - alone
         gains.append(float(gained.max()))
         moved.append(covariance - least + np.outer(away, away))
     if before is not None:
-        gains = [np.log(1.0 - before), *(gain + np.log(before / len(others)) for gain in gains[1:])]
+        even = [1.0 / len(others)] * len(others)
+        gains = [np.log(1.0 - before), *(gain + np.log(before * part) for gain, part in zip(gains[1:], parts or even, strict=True))]
     share = softmax(gains)
     return Second(dict(zip(others, share[1:].tolist(), strict=True)), np.tensordot(share, np.array(moved), axes=1))
 

@@ -18,7 +18,7 @@ from thermofit.diagnose.loop import Closed, accepted_trials, close_loop
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.fit.result import FitResult
 
-BOTH = {"ir_drift.rate": 0.02, "ir_emissivity.slope": 3.0}
+BOTH = {"ir_drift.rate": 2e-3, "ir_emissivity.slope": 3.0}
 OTHER_ALONE = {"ir_emissivity.slope": 3.0}
 FAMILY = {"ir_drift": ("ir_drift", "ir_emissivity")}
 
@@ -49,6 +49,7 @@ def test_another_form_that_leaves_nothing_is_taken() -> None:
 def test_where_both_are_there_both_stay() -> None:
     """Another form alone is then better than the earlier one, and worse than both."""
     here, fit, further, means = begun(**BOTH)
+    assert stand_ins.by_another(here, "ir_drift", "ir_emissivity", means) is not None
     assert in_another_form(here, fit, FAMILY, further, means) == (None, ())
 
 

@@ -47,7 +47,7 @@ def in_another_form(
 
     `here`, `fit`: the model without the further effect. `families`: of the earlier effects. An effect that was `dropped` is not asked."""
     remarks: list[str] = []
-    if here.case.cheap:
+    if not families or here.case.cheap:
         return None, ()
     scores = {s.effect: s for s in here.ranking.scores if not s.vetoed}
     for name, family in families.items():

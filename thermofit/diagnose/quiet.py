@@ -40,8 +40,8 @@ from thermofit.fit.result import FitResult
 from thermofit.records.progress import progress
 
 RARE = 0.05
-"""How likely it is, before the data speak, that a channel has a history which nothing tells, or the model lacks an effect: as often as
-chance may name an effect."""
+"""How likely a channel has a history which nothing tells, or the model lacks an effect, before the data speak. So often may chance name an
+effect."""
 
 
 def with_quiet(closed: Closed, missing: Unlisted | None) -> Closed:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from thermofit.core.errors import DataError, StudyError
@@ -391,6 +391,7 @@ def test_bad_records_are_refused(change, message: str) -> None:
     shape=st.sampled_from(["still", "line", "walk", "saw", "spikes"]),
     crosshead=st.booleans(),
 )
+@example(n=10, seed=31031906, scale=0.0, shape="spikes", crosshead=False)
 def test_any_finite_record_gives_a_finite_force(n: int, seed: int, scale: float, shape: str, crosshead: bool) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.01, 1.0, n))

@@ -417,7 +417,8 @@ def smooth_force(record: ForceRecord, noise: float | None = None, smoothing: str
         raise StudyError(f"force smoothing: found '{smoothing}', expected one of {', '.join(SMOOTHINGS)}")
     if noise is not None and not (np.isfinite(noise) and noise > 0.0):
         raise StudyError(f"force noise: found {noise}, expected a positive number of N or nothing (then it is measured)")
-    level = force_noise(record) if noise is None else float(noise)
+    # Differences of a few samples with a spike may be larger than all that the force changes.
+    level = min(force_noise(record), float(np.ptp(record.force))) if noise is None else float(noise)
     if level > np.ptp(record.force):
         raise StudyError(
             f"force noise: found {level:.3g} N, more than the force changes in the record ({np.ptp(record.force):.3g} N); expected "

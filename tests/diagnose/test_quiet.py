@@ -222,27 +222,27 @@ def test_of_no_effect_it_is_said_no_more_often_than_by_chance(monkeypatch: pytes
 
 
 def test_what_a_refit_or_a_bound_rules_out_is_no_effect_that_may_be_there() -> None:
-    assert set(module.candidates(lacking(CHANGES))) == {"elastic_degradation", *OTHERS}
+    assert set(module.not_refuted(lacking(CHANGES))) == {"elastic_degradation", *OTHERS}
     left = set(OTHERS)
-    assert set(module.candidates(lacking(CHANGES, dropped=("elastic_degradation",)))) == left
-    assert set(module.candidates(lacking(CHANGES, rounds=(tried(0.0, 1e-4, "elastic_degradation"),)))) == left
+    assert set(module.not_refuted(lacking(CHANGES, dropped=("elastic_degradation",)))) == left
+    assert set(module.not_refuted(lacking(CHANGES, rounds=(tried(0.0, 1e-4, "elastic_degradation"),)))) == left
     for of_refit in (tried(0.001, 3e-4, "elastic_degradation"), tried(0.0, 1e-4, "elastic_degradation", "lamp")):
-        assert "elastic_degradation" in module.candidates(lacking(CHANGES, rounds=(of_refit,)))
+        assert "elastic_degradation" in module.not_refuted(lacking(CHANGES, rounds=(of_refit,)))
     early = (tried(0.0, 1e-4, "elastic_degradation"), tried(0.0, 1e-4, "lamp"))
-    assert set(module.candidates(lacking(CHANGES, rounds=early))) == {"elastic_degradation", "unfelt"}, "the last round alone"
+    assert set(module.not_refuted(lacking(CHANGES, rounds=early))) == {"elastic_degradation", "unfelt"}, "the last round alone"
     vetoed = lacking(CHANGES)
     for score in vetoed.last.ranking.scores:
         score.vetoed = "below nothing" if score.effect == "lamp" else ""  # type: ignore[misc]
-    assert set(module.candidates(vetoed)) == {"elastic_degradation", "unfelt"}
+    assert set(module.not_refuted(vetoed)) == {"elastic_degradation", "unfelt"}
 
 
 def test_what_the_mesh_could_make_is_no_effect() -> None:
     fit = lacking(CHANGES).fit
-    known, effects = LinearModel(fit.residual, JACOBIAN), module.candidates(lacking(CHANGES))
+    known, effects = LinearModel(fit.residual, JACOBIAN), module.not_refuted(lacking(CHANGES))
     found = [module.quiet_effects(known, errors, effects) for errors in (np.zeros((N, 0)), CHANGES * MODULUS[:, None])]
     bare, beside = (one.likelihood["elastic_degradation"] for one in found if one is not None)
     assert bare > 0.99 and beside < 0.1
-    assert module.quiet_effects(known, np.zeros((N, 0)), {"unfelt": module.Candidate((OTHERS["unfelt"],), 1.0)}) is None
+    assert module.quiet_effects(known, np.zeros((N, 0)), {"unfelt": module.QuietEffect((OTHERS["unfelt"],), 1.0)}) is None
 
 
 def test_correlated_noise_and_many_tries_make_an_effect_less_likely() -> None:
@@ -251,19 +251,19 @@ def test_correlated_noise_and_many_tries_make_an_effect_less_likely() -> None:
     known, none = LinearModel(fit.residual, JACOBIAN), np.zeros((N, 0))
     other = np.random.default_rng(4).normal(size=(N, 1))
 
-    def of(first: module.Candidate, second: module.Candidate) -> dict[str, float]:
+    def of(first: module.QuietEffect, second: module.QuietEffect) -> dict[str, float]:
         found = module.quiet_effects(known, none, {"first": first, "second": second})
         assert found is not None and sum(found.likelihood.values()) > 0.9
         return dict(found.likelihood)
 
-    whole, half = (module.Candidate((MODULUS[:, None],), counts) for counts in (1.0, 0.5))
+    whole, half = (module.QuietEffect((MODULUS[:, None],), counts) for counts in (1.0, 0.5))
     assert of(whole, whole)["first"] == pytest.approx(of(whole, whole)["second"])
     assert of(half, whole)["second"] > 0.99
-    tried = module.Candidate((other, MODULUS[:, None], other, other), 1.0)
+    tried = module.QuietEffect((other, MODULUS[:, None], other, other), 1.0)
     assert of(tried, whole)["second"] == pytest.approx(4.0 * of(tried, whole)["first"], rel=0.1)
     end = lacking(CHANGES).last
     (score,) = (s for s in end.ranking.scores if s.effect == "lamp")
     score.predicted_drop = 144.0  # type: ignore[misc]
     end.scanned["lamp"] = (({}, other), ({}, OTHERS["lamp"]))  # type: ignore[index]
-    found = module.candidates(replace(lacking(0.0), last=end))
+    found = module.not_refuted(replace(lacking(0.0), last=end))
     assert found["lamp"].counts == pytest.approx(0.25) and len(found["lamp"].blocks) == 2 and found["unfelt"].counts == 1.0

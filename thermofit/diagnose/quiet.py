@@ -64,7 +64,7 @@ def with_quiet(closed: Closed, missing: Unlisted | None) -> Closed:
         wider = widened(wider, one.covariance)
         likely += likely_ones(one)
     closed = _with_remark(with_wider(closed, QUIET, wider), fit, likely) if most_widened(fit, wider) else closed
-    effects = quiet_effects(known, errors, candidates(closed))
+    effects = quiet_effects(known, errors, not_refuted(closed))
     if effects is None or not most_widened(fit := closed.fit, wider := widened(fit, effects.covariance)):
         return closed
     return _with_remark(with_wider(closed, QUIET_EFFECT, wider), fit, likely_ones(effects))
@@ -85,7 +85,7 @@ def _with_remark(closed: Closed, before: FitResult, likely: Sequence[str]) -> Cl
 
 
 @dataclass(frozen=True)
-class Candidate:
+class QuietEffect:
     """An effect that may be there although nothing tells it: its columns (n, k) at every value of its exponents that was tried, and the
     share of what they take of the square sum that counts, for the noise is correlated."""
 
@@ -93,7 +93,7 @@ class Candidate:
     counts: float
 
 
-def candidates(closed: Closed) -> dict[str, Candidate]:
+def not_refuted(closed: Closed) -> dict[str, QuietEffect]:
     """The effects that may be there at the end of the loop although nothing tells them. An effect whose refit in the last round, or by
     which it was taken back, does not lower held-out error is none."""
     here = closed.last
@@ -103,11 +103,11 @@ def candidates(closed: Closed) -> dict[str, Candidate]:
     found = {}
     for name, score in possible.items():
         tried = tuple(block for _, block in here.scanned.get(name, ())) or (here.problem.dormant[name][1],)
-        found[name] = Candidate(tried, min(1.0, score.z**2 / max(score.predicted_drop, 1e-300)))
+        found[name] = QuietEffect(tried, min(1.0, score.z**2 / max(score.predicted_drop, 1e-300)))
     return found
 
 
-def quiet_effects(known: LinearModel, errors: np.ndarray, effects: Mapping[str, Candidate]) -> Second | None:
+def quiet_effects(known: LinearModel, errors: np.ndarray, effects: Mapping[str, QuietEffect]) -> Second | None:
     """How likely every effect is, and E (p, p) of the fitted parameters; None where nothing of any effect shows beyond them. Every effect
     is as likely as any other before the data speak, and so is each value of its exponents. `known` and `errors` as for `quiet`: what the
     errors could make is no effect."""

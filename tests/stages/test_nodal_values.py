@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import tiny
 
+from thermofit.experiment import interpolated
 from thermofit.observe.interpolation import interpolate_displacements
 from thermofit.read.raw import read_experiment
+from thermofit.records.staging import artefact_path
 from thermofit.study.study import Study
 
 StudyOf = Callable[..., Study]
@@ -59,3 +61,24 @@ def test_the_course_of_the_force_between_the_steps_is_kept(study_of: StudyOf) ->
     held = at <= time[-1]
     missed, left = (np.abs(line - smooth)[held].max() for line in (chords, np.interp(at, time, force)))
     assert missed > 0.5 and left < 0.01 * missed, (missed, left)
+
+
+def test_times_on_a_chord_of_the_force_are_left_out_and_counted(study_of: StudyOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of either field, before the load steps are made; the rest stays as it is."""
+    study = study_of()
+    record = tiny.stage_run("interpolate")(study).record
+    whole = {name: record[name].value for name in ("u/time", "u/value", "theta/time", "theta/value", "elongation/time")}
+    artefact_path(study.run_dir, "interpolate").unlink()
+    stage, frame = float(whole["u/time"][5]), float(whole["theta/time"][8])
+    chords = ((stage - 0.01, stage + 0.01), (frame - 0.01, frame + 0.01))
+    monkeypatch.setattr(interpolated, "cut_knees", lambda smooth: chords)
+    left = tiny.stage_run("interpolate")(study).record
+    for name, gone in (("u", 5), ("theta", 8)):
+        np.testing.assert_array_equal(left[f"{name}/time"].value, np.delete(whole[f"{name}/time"], gone))
+        np.testing.assert_array_equal(left[f"{name}/value"].value, np.delete(whole[f"{name}/value"], gone, axis=0))
+    assert len(left["elongation/time"].value) == len(whole["elongation/time"])
+    said = [text for text in left.summary["notes"] if "not compared" in text]
+    assert [text[: text.index(" s)")] for text in said] == [
+        f"u: 1 of {len(whole['u/time'])} times ({stage:.2f}",
+        f"theta: 1 of {len(whole['theta/time'])} times ({frame:.2f}",
+    ]

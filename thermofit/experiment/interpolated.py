@@ -29,6 +29,7 @@ from thermofit.experiment.fields import (
 )
 from thermofit.experiment.static import static_record
 from thermofit.observe.camera import CameraPose
+from thermofit.observe.cut_knees import cut_knees, off_chords
 from thermofit.observe.end_motion import end_motion, sections_inside
 from thermofit.observe.face_quads import distance_to_edge, face_quads
 from thermofit.observe.fixed_pattern import FixedPattern, fixed_pattern
@@ -135,6 +136,7 @@ def _make(study: Study, calibrated: Path | None) -> Made:
     else:
         fields = (_three_point if three_point else _projected)(study, experiment.dic, frames, face, summary)
     fields = [masked(field, study.evaluation.mask, "evaluation.mask") for field in fields]
+    fields = _off_chords(fields, smooth, summary)
     datasets = _force_datasets(study, experiment, smooth, {field.name: field.time for field in fields})
     ends = (float(mesh.nodes[:, 1].min()), float(mesh.nodes[:, 1].max()))
     if experiment.dic is not None:
@@ -358,6 +360,22 @@ def _scatter(field: FieldObservation, estimated: bool, summary: dict[str, Any]) 
         f"{field.name}: nodal values scatter {ratio:.2f} times what independent noise makes; their sigma is that much larger"
     )
     return ratio
+
+
+def _off_chords(fields: Fields, smooth: SmoothForce, summary: dict[str, Any]) -> Fields:
+    """The fields without the times at which the record cuts a knee of the force off; the notes count them."""
+    kept, chords = [], cut_knees(smooth)
+    for field in fields:
+        left = off_chords(field, chords)
+        lost = np.setdiff1d(field.time, left.time)
+        if len(lost):
+            at = ", ".join(f"{t:.2f}" for t in lost)
+            summary["notes"].append(
+                f"{field.name}: {len(lost)} of {len(field.time)} times ({at} s) left out and not compared; the force goes straight between "
+                "two near knees there, and a record that cuts a knee off follows no law"
+            )
+        kept.append(left)
+    return kept
 
 
 def _used(at: Projected, what: str, field: FieldObservation, noise: float) -> dict[str, Any]:

@@ -60,6 +60,10 @@ class FieldObservation:
                 f"{self.name}: no observation between {t0:g} s and {t1:g} s; the measured times run from {self.time[0]:g} s to "
                 f"{self.time[-1]:g} s, check the window of the stage"
             )
+        return self.at_times(keep)
+
+    def at_times(self, keep: np.ndarray) -> FieldObservation:
+        """The observations at the times for which keep (n_t,) is True."""
         moments = None if self.moments is None else self.moments[keep]
         return replace(self, time=self.time[keep], value=self.value[keep], sigma=self.sigma[keep], mask=self.mask[keep], moments=moments)
 

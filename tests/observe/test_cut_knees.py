@@ -23,7 +23,8 @@ def smoothed(*corners: tuple[float, float], turns: bool = True) -> SmoothForce:
     return smooth_force(ForceRecord(TIME, np.interp(TIME, t, f) + 4.0 * RNG.normal(size=len(TIME)), crosshead, ()))
 
 
-CUT = ((0.0, 0.0), (3.0, 0.0), (10.0, 7000.0), (10.6, 7240.0), (40.0, 7900.0), (44.0, 3900.0), (48.0, 7900.0), (48.7, 8200.0), (60.0, 8450.0))
+YIELDS = ((0.0, 0.0), (3.0, 0.0), (10.0, 7000.0), (10.6, 7240.0))
+CUT = (*YIELDS, (40.0, 7900.0), (44.0, 3900.0), (48.0, 7900.0), (48.7, 8200.0), (60.0, 8450.0))
 """Loaded, unloaded and loaded again; a chord of 0.6 s and one of 0.7 s where it yields."""
 
 

@@ -248,23 +248,25 @@ def between_sections(noise: float = NOISE, error: np.ndarray | float = 0.0, coun
 
 
 def test_noise_of_the_elongation_is_noise_of_the_force_until_it_flows_again() -> None:
-    """What a stage at the largest force before an unloading errs by, all of the unloading does. The force then has its own noise alone, and
-    no error of a prescribed force is told."""
+    """What a stage at the largest force before an unloading errs by, all of the unloading does, and the temperatures with it. The force then
+    has its own noise alone, and no error of a prescribed force is told."""
     here = between_sections()
     assert here.data.force.sigma.ravel() == pytest.approx(np.full(len(here.data.force.time), np.hypot(4.0, 15.0)))
     blurred = with_force_error(here, PARAMETERS)
-    assert blurred.force_error is not None and set(blurred.force_error) == {"force"}
+    assert blurred.force_error is not None and set(blurred.force_error) == {"force", "theta"}
     assert blurred.model.observations["force"].sigma == pytest.approx(4.0)
     assert estimated_error(blurred, PARAMETERS) is None
-    modes = blurred.force_error["force"]
     time = here.data.force.time
-    every = modes.fields[:, 0, 0] @ modes.turned.T
     stage = int(np.argmin(np.abs(time - 24.0)))
     number = stage - int(np.sum(time <= here.data.load_start + 1e-6))
-    made = between_sections(error=NOISE * (np.arange(len(time)) == stage)).shown(PARAMETERS)[1]["force"]
-    made = (made - here.shown(PARAMETERS)[1]["force"]).ravel()
-    clear = np.abs(time - 30.0) > 0.5  # whether it flows there hangs on the error
-    assert np.linalg.norm((every[:, number] - made)[clear]) < 0.01 * np.linalg.norm(made[clear])
+    wrong, right = between_sections(error=NOISE * (np.arange(len(time)) == stage)).shown(PARAMETERS)[1], here.shown(PARAMETERS)[1]
+    for name, near in (("force", 0.01), ("theta", 0.05)):  # what the step at 30 s has set free stays in the temperatures
+        modes = blurred.force_error[name]
+        one = modes.fields @ modes.turned[number]
+        clear = np.abs(blurred.model.observations[name].time - 30.0) > 0.5  # whether it flows there hangs on the error
+        moved = (wrong[name] - right[name])[clear]
+        assert np.linalg.norm(one[clear] - moved) < near * np.linalg.norm(moved), name
+    made = (wrong["force"] - right["force"]).ravel()
     unloaded = (time > 24.5) & (time < 29.5)
     assert np.ptp(made[unloaded]) < 0.01 < 4.0 < np.abs(made[unloaded]).min() and np.abs(made[time < 23.5]).max() < 0.01
     assert with_force_error(between_sections(counted=False), PARAMETERS).force_error is None
@@ -288,3 +290,46 @@ def test_a_force_between_sections_that_err_is_whitened() -> None:
     assert 0.7 < np.mean(np.square(white)) < 1.4, np.mean(np.square(white))
     alike = [abs(np.mean(np.array(rows)[:, :-1] * np.array(rows)[:, 1:]) / np.mean(np.square(rows))) for rows in (plain, white)]
     assert alike[1] < 0.05 and alike[0] > 0.1, alike
+
+
+def test_temperatures_between_sections_are_told_what_the_force_says_of_them() -> None:
+    """Draws of the elongation, by runs, with noise of camera and load cell. A micrometre cools a whole frame: its mean is far from nothing
+    with the errors on their own. Beside the force it is as a mean of independent noise."""
+    here, random = between_sections(), np.random.default_rng(5)
+    seen = here.data.temperature
+    assert seen is not None
+    here = replace(here, data=replace(here.data, temperature=replace(seen, sigma=0.05 * seen.sigma)))
+    blurred = with_force_error(here, PARAMETERS).model
+    (force,), (theta,) = ([k for k, c in enumerate(blurred.comparisons) if field_of(c) == name] for name in ("force", "theta"))
+    right, plain, white = here.shown(PARAMETERS)[1], [], []
+    nodes = right["theta"].shape[1]
+    for _ in range(12):
+        wrong = between_sections(error=NOISE * random.normal(size=len(right["force"]))).shown(PARAMETERS)[1]
+        off = {name: wrong[name] - right[name] for name in ("force", "theta")}
+        off["force"] = off["force"] + 4.0 * random.normal(size=off["force"].shape)
+        off["theta"] = off["theta"] + blurred.observations["theta"].sigma * random.normal(size=off["theta"].shape)
+        parts = {place: blurred.comparisons[place].residual(off[name]) for place, name in ((force, "force"), (theta, "theta"))}
+        rows = (here.model.comparisons[theta].residual(off["theta"]), blurred.common[0].innovations_of(parts)[theta])
+        for found, row in zip((plain, white), rows, strict=True):
+            found.append(nodes * np.mean(row.reshape(-1, nodes), axis=1) ** 2)
+    time = seen.time[1:]  # the first frame is what the others are relative to
+    unloads = ((time > 24.5) & (time < 29.5)) | (time > 44.5)
+    assert np.mean(plain, axis=0)[unloads].mean() > 5.0
+    assert np.mean(white, axis=0)[unloads].mean() < 1.5
+    assert np.mean(white) < 0.6 * np.mean(plain)
+
+
+def test_a_heat_that_is_missing_is_no_misfit_of_the_elongation() -> None:
+    """The force at its noise says that the elongation is right, however far the temperatures are off."""
+    here, random = between_sections(), np.random.default_rng(13)
+    right, found = here.shown(PARAMETERS)[1], with_force_error(here, PARAMETERS)
+    seen, force = found.data.temperature, found.data.force
+    assert seen is not None
+    measured = replace(force, value=force.value + right["force"] + 4.0 * random.normal(size=force.value.shape))
+    warm = 30.0 * seen.sigma * np.linspace(0.0, 1.0, len(seen.value))[:, None, None] ** 2
+    both = [
+        replace(found, data=replace(found.data, force=measured, temperature=replace(seen, value=seen.value + right["theta"] + more)))
+        for more in (0.0, warm)
+    ]
+    misfit = [one.force_misfit(PARAMETERS) for one in both]
+    assert misfit[1] == pytest.approx(misfit[0], rel=1e-6) and misfit[1] < 2.0

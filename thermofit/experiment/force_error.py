@@ -1,5 +1,5 @@
-"""What the error of the smoothed force does to displacements and temperatures, and that of a prescribed elongation to the force: noise of
-what is prescribed, no misfit of the model.
+"""What the error of the smoothed force does to displacements and temperatures, and that of a prescribed elongation to force and
+temperatures: noise of what is prescribed, no misfit of the model.
 
 Where the material flows, a force that is wrong by dF moves the points by (du/dF) dF. Near the largest force the specimen is so soft that
 half a newton makes more than the noise of the cameras, and the plastic work that goes with it warms it. The error is a sum of modes of unit
@@ -9,8 +9,10 @@ they do to a specimen of 1.2 mm is that on two layers within 0.02 %, to one as i
 
 Where the motion of sections drives, every stage has noise of its own. Where the specimen is elastic a micrometre is tens of newtons, and
 plasticity rectifies it: the largest value of a hold makes it flow, and all that follow are too small; what is wrong where it turns is wrong
-until it flows again. So the force at one stage hangs together with that at others, as the run along these modes has it. Displacements are
-measured themselves, and temperatures hardly feel them.
+until it flows again. So the force at one stage hangs together with that at others, as the run along these modes has it. So do the
+temperatures: the stress cools what it stretches, by up to 2 mK for 0.75 um over 46 mm of aluminium, at all points of a frame alike. The force
+tells these errors better than the sections where the specimen is elastic, and temperatures are told what it says. Displacements are
+measured themselves.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from thermofit.experiment.channels import field_of
 from thermofit.experiment.joint import ForceModes, Joint
 from thermofit.study.section import MeshSize
 
-SHOWN = {"force": ("u", "theta"), "dic": ("force",)}
+SHOWN = {"force": ("u", "theta"), "dic": ("force", "theta")}
 """Fields in which the error of what is prescribed is noise, by what drives."""
 _TELLS = 1e-3
 """Part of the largest mode's effect below which a mode is left out."""

@@ -116,8 +116,8 @@ class Joint:
     settings: StageSettings
     size: MeshSize
     force_error: Mapping[str, ForceModes] | None = None
-    """What the error of the prescribed force makes of the fields "u" and "theta", or that of the elongation of "force"; None: it is not
-    known."""
+    """What the error of the prescribed force makes of the fields "u" and "theta", or that of the elongation of "force" and "theta"; None:
+    it is not known."""
     beside: tuple[Prior, ...] = ()
     """Priors of parameters that are not free, but may become so: those of effects that a diagnosis adds."""
     substeps: int = 1
@@ -314,7 +314,8 @@ class Joint:
         make: about one where the model is right; `known`: its fields at these parameters. NumericsError where the run fails.
 
         The residual is that after a joint step of the free parameters: where the force was taken as exact they follow its error. Where
-        displacements show the error they alone are asked: they tell most of it, and a heat that is missing is none of it.
+        displacements show the error, or the force that of an elongation, they alone are asked: they tell most of it, and a heat that is
+        missing is none of it.
         """
         model, shown = self.model, []
         names = parameters.free or self.settings.free
@@ -322,7 +323,7 @@ class Joint:
         ends = np.cumsum([c.n for c in model.comparisons])
         rows = {k: slice(ends[k] - c.n, ends[k]) for k, c in enumerate(model.comparisons)}
         telling = {place: one for common in model.common for place, one in common.shown.items()}
-        moving = {place: one for place, one in telling.items() if field_of(model.comparisons[place]) == "u"}
+        moving = {place: one for place, one in telling.items() if field_of(model.comparisons[place]) != "theta"}
         seen, moved = np.ones(len(residual), dtype=bool), np.ones(len(names), dtype=bool)
         if moving:
             telling, warm = moving, acting_on_temperatures(names)
@@ -337,10 +338,10 @@ class Joint:
         return float(every.mean()) if len(every) else 0.0
 
     def _modes(self, comparisons: Sequence[Comparison], observations: Mapping[str, FieldObservation]) -> dict[int, Modes]:
-        """What every comparison shows of the force's error, by its place: displacements first, which tell most of it."""
+        """What every comparison shows of the error of what is prescribed, by its place: temperatures last, which tell least of it."""
         acting = {place: name for place, c in enumerate(comparisons) if (name := field_of(c)) in (self.force_error or {})}
         found = {}
-        for place in sorted(acting, key=lambda p: acting[p] != "u"):
+        for place in sorted(acting, key=lambda p: acting[p] == "theta"):
             modes, right = (self.force_error or {})[acting[place]], np.zeros_like(observations[acting[place]].value)
             columns = [comparisons[place].slope(right, field) for field in np.moveaxis(modes.fields, 3, 0)]
             found[place] = Modes(np.stack(columns, axis=1), modes.turned)

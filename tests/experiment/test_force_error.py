@@ -248,8 +248,8 @@ def between_sections(noise: float = NOISE, error: np.ndarray | float = 0.0, coun
 
 
 def test_noise_of_the_elongation_is_noise_of_the_force_until_it_flows_again() -> None:
-    """What a stage at the largest force before an unloading errs by, all of the unloading does, and the temperatures with it. The force then
-    has its own noise alone, and no error of a prescribed force is told."""
+    """What a stage at the largest force before an unloading errs by, all of the unloading does, and the temperatures with it. The force has
+    its own noise alone then, and no error of a prescribed force is told."""
     here = between_sections()
     assert here.data.force.sigma.ravel() == pytest.approx(np.full(len(here.data.force.time), np.hypot(4.0, 15.0)))
     blurred = with_force_error(here, PARAMETERS)

@@ -10,8 +10,8 @@ they do to a specimen of 1.2 mm is that on two layers within 0.02 %, to one as i
 Where the motion of sections drives, every stage has noise of its own. Where the specimen is elastic a micrometre is tens of newtons, and
 plasticity rectifies it: the largest value of a hold makes it flow, and all that follow are too small; what is wrong where it turns is wrong
 until it flows again. So the force at one stage hangs together with that at others, as the run along these modes has it. So do the
-temperatures: the stress cools what it stretches, by up to 2 mK for 0.75 um over 46 mm of aluminium, at all points of a frame alike. The force
-tells these errors better than the sections where the specimen is elastic, and temperatures are told what it says. Displacements are
+temperatures: the stress cools what it stretches, by up to 2 mK for 0.75 um over 46 mm of aluminium, at all points of a frame alike. The
+force tells these errors better than the sections where the specimen is elastic, and temperatures are told what it says. Displacements are
 measured themselves.
 """
 

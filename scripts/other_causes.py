@@ -71,6 +71,15 @@ def _source(place: float | str, width: float, over_time: str) -> str:
     )
 
 
+def _discs(x: float, y: float, radius: float, over_time: str) -> str:
+    """A disc with a soft edge in the middle of the width (x = 0), or one at either side of it."""
+    return (
+        "def heat_source(theta, accumulated, rate, time, x, y, amount):\n"
+        f"    off = np.sqrt((np.sqrt(x * x) - {x}) ** 2 + (y - {y}) ** 2)\n"
+        f"    return amount * 0.5 * (1.0 - np.tanh((off - {radius}) / 0.5)) * ({over_time}) + 0.0 * theta\n"
+    )
+
+
 def _slid(theta: np.ndarray, y: np.ndarray, time: float, amount: float) -> np.ndarray:
     """An image of which the camera has slid along the specimen, by `amount` mm in 400 s; pixels keep their noise."""
     seen, down = gaussian_filter1d(theta, 2.0, axis=0), -y[:, 0]
@@ -84,6 +93,8 @@ _LAWS = ("second_hardening", "linear_hardening", "yield_plateau", "backstress_fi
 CAUSES: dict[str, Cause] = {
     "pulse-source": Cause("heat_source", _source(-9.3, 2.2, _PULSE.format(70.0, 130.0)), ("local_source",), HEAT),
     "ramp-source": Cause("heat_source", _source(13.0, 3.1, "np.log1p(np.exp((time - 60.0) / 8.0)) / 20.0"), ("local_source",), HEAT),
+    "disc-source": Cause("heat_source", _discs(0.0, 6.4, 3.4, "0.5 * (1.0 + np.tanh((time - 85.0) / 2.0))"), ("local_source",), HEAT),
+    "discs-beside": Cause("heat_source", _discs(7.5, -4.7, 2.4, _PULSE.format(60.0, 170.0)), ("local_source",), HEAT),
     "warm-grip": Cause("heat_source", _source(58.0, 5.0, "0.5 * (1.0 + np.tanh((time - 40.0) / 5.0))"), _JAWS, HEAT),
     "air-step": Cause(
         "boundary_temperature",
@@ -290,6 +301,8 @@ RUNS: dict[str, dict[str, float]] = {
     "film-by-height": {"film-by-height": 0.002},
     "film-of-a-plate": {"film-of-a-plate": 0.012},
     "draught-at-the-top": {"draught-at-the-top": 0.006},
+    "disc-source": {"disc-source": 0.6},
+    "discs-beside": {"discs-beside": 0.6},
 }
 """What is planted in each run, and how much of it."""
 

@@ -28,7 +28,7 @@ from thermofit.core import parameters as declared
 from thermofit.core.errors import NumericsError
 from thermofit.core.parameters import Parameters
 from thermofit.effects import catalogue
-from thermofit.effects.catalogue import HEAT, effects, load_effect
+from thermofit.effects.catalogue import HEAT, effect, effects, load_effect
 from thermofit.effects.radiation import SIGMA
 
 SIDES = ("x0", "x1", "z0", "z1")
@@ -244,6 +244,7 @@ ON = {
     **{"clamp_step.step": 1.2, "clamp_step.apart": -0.9, "clamp_step.start": 18.0, "clamp_step.onset": 6.0},
     **{"latent_heat.heat": 40.0, "latent_heat.centre": 0.01, "latent_heat.width": 0.008},
     **{"local_source.power": 3.0, "local_source.place": 4.0, "local_source.width": 6.0, "local_source.start": 20.0},
+    **{"local_source.concentration": 4.0},
     **{"capacity_by_temperature.slope": 4e-3, "conductivity_by_temperature.slope": -6e-3},
     **{"initial_gradient.amplitude": 1.3, "initial_gradient.tilt": 0.6},
     **{"free_convection.film": 6.0, "free_convection.exponent": 0.3},
@@ -434,6 +435,36 @@ def test_a_source_of_place_and_time_is_that_of_all_arguments(tmp_path: Path, mon
     ((few,), (all_,)) = asked, every
     x, y = dogbone().points
     assert all_ == x.size and few == len(np.unique(np.round(np.stack([x.ravel(), y.ravel()]), 9), axis=1).T) < all_
+
+
+def test_a_source_that_knows_how_far_across_it_is_is_that_over_half_the_width(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the parallel part, where the width is known without a mesh."""
+    monkeypatch.setattr(catalogue, "EFFECTS", dict(catalogue.EFFECTS))
+    monkeypatch.setattr(declared, "OF_EFFECTS", dict(declared.OF_EFFECTS))
+    half = 0.5 * SPECIMEN.gauge_width
+    for name, arguments, where in (("by_share", "time, x, y, across", "across"), ("by_place", "time, x, y", f"(x / {half})")):
+        (tmp_path / f"{name}.py").write_text(
+            "import numpy as np\nfrom thermofit.core.parameters import Param\nSLOT, FORMULA, SOURCE = 'heat_source', 'made up', 'made up'\n"
+            f"PARAMS = (Param('{name}.power', '1', 0.0, -10.0, 10.0, 1.0, 'made up', probe=0.1),)\n"
+            f"def heat_source({arguments}, power):\n    return power * {where}**2 * (np.abs(y) < {0.5 * SPECIMEN.parallel_length})\n"
+        )
+        load_effect(tmp_path / f"{name}.py")
+    (off, rates) = run(("by_share.power", "by_place.power"))
+    assert np.abs(rates[..., 0] - rates[..., 1]).max() < 1e-9 * np.abs(rates).max() and np.abs(rates).max() > 0.1
+    assert off.theta.shape[0] == len(TIMES)
+
+
+def test_a_source_in_the_middle_makes_the_same_heat_as_one_all_across() -> None:
+    """With nothing lost the mean rises by the same; across the specimen the middle is the warmer the more it is concentrated."""
+    body = tension_body(dogbone_mesh(SPECIMEN, 4, 40, 1))
+    plane = body.plane
+    source = effect("local_source").of_place
+    assert source is not None
+    whole = [plane.heat @ source(1e3, plane.x, plane.y, plane.across, 2.0, 3.0, 8.0, 0.0, 1.0, c) for c in (-3.0, 0.0, 8.0)]
+    area = SPECIMEN.gauge_width * SPECIMEN.thickness
+    assert [4.0 * w.sum() for w in whole] == pytest.approx([2.0 * area] * 3, rel=0.002)
+    axis = body.mesh.nodes[:, 0] == 0.0
+    assert whole[0][axis].sum() < whole[1][axis].sum() < whole[2][axis].sum()
 
 
 @pytest.mark.parametrize("slot", USER)

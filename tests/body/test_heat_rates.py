@@ -14,6 +14,8 @@ from thermofit.body.heat.conduction import HeatStep, at_constant_stress, heat_co
 from thermofit.body.heat.equation import PointStates, heat_of_increment, increment_between
 from thermofit.body.heat.one_way import HeatProblem, heat_problem, heat_run, heat_run_rates
 from thermofit.body.heat.sources import nodal_heat
+from thermofit.body.mesh.dogbone import Specimen, dogbone_mesh, half_width
+from thermofit.body.mesh.shapes import MeshSize, plate_with_hole_mesh
 from thermofit.body.sensitivity.conduction_rates import condition_rates, heat_step_rates, steady_rates
 from thermofit.body.sensitivity.heat_effect_rates import multiply_some
 from thermofit.body.sensitivity.heat_rates import (
@@ -357,3 +359,18 @@ def test_points_of_the_plane_take_the_heat_of_those_above_one_another(distortion
     found = plane.heat @ (np.cos(0.3 * plane.x) * np.exp(0.2 * plane.y))
     assert np.allclose(found, nodal_heat(body, density), rtol=1e-12, atol=1e-14)
     assert y.min() == pytest.approx(-y.max(), abs=0.2) and plane.y.min() < 0.0 < plane.y.max()
+    if not distortion:
+        assert np.allclose(plane.across, plane.x / 2.0, rtol=1e-12, atol=0.0)
+
+
+def test_how_far_across_a_point_is_goes_by_the_width_at_its_height() -> None:
+    """To the straight edges of a mesh, also beside a hole, and the same where the whole width is meshed."""
+    specimen = Specimen(25.0, 1.2, 100.0, 25.0, 35.0, 150.0, 10.0)
+    plane = tension_body(dogbone_mesh(specimen, 2, 60, 1)).plane
+    here = half_width(specimen, plane.y)
+    parallel = np.abs(plane.y) < 47.0
+    assert np.allclose(plane.across[parallel], plane.x[parallel] / 12.5, rtol=1e-12, atol=0.0)
+    assert np.abs(plane.across - plane.x / here).max() < 0.005 and here.max() == pytest.approx(17.5)
+    for full in (False, True):
+        beside = tension_body(plate_with_hole_mesh(specimen, 4.0, MeshSize(n_x=4, n_y=12, n_z=1), full=full)).plane
+        assert np.allclose(beside.across, beside.x / 12.5, rtol=1e-12, atol=0.0) and (beside.across.min() < 0.0) == full

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import exp, log, pi, sqrt
+from math import erf, exp, log, pi, sqrt
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -304,14 +304,23 @@ ROWS: dict[str, Row] = {
         "heat_source",
         (
             (
-                (60.0 + 0.5 * LN3, a(3.0), a(-4.0 + 2.0 * sqrt(2.0 * LN2)), 1.6 * ROOT, -4.0, 2.0, 60.0, 1.0),
+                (60.0 + 0.5 * LN3, a(3.0), a(-4.0 + 2.0 * sqrt(2.0 * LN2)), a(0.4), 1.6 * ROOT, -4.0, 2.0, 60.0, 1.0, 0.0),
                 a(0.3),
             ),
             (
-                (60.0 - 2.0 * LN3, a(0.0), a(-4.0 - 5.0 * sqrt(2.0 * LN2)), -4.0 * ROOT, -4.0, 5.0, 60.0, 4.0),
+                (60.0 - 2.0 * LN3, a(0.0), a(-4.0 - 5.0 * sqrt(2.0 * LN2)), a(0.0), -4.0 * ROOT, -4.0, 5.0, 60.0, 4.0, 0.0),
                 a(-0.1),
             ),
-            ((5.0, a(0.0, 1.0), a(7.0, 7.0), 1.2 * ROOT, 7.0, 3.0, 5.0, 1.0), a(0.2, 0.2)),
+            ((5.0, a(0.0, 1.0), a(7.0, 7.0), a(0.0, 0.5), 1.2 * ROOT, 7.0, 3.0, 5.0, 1.0, 0.0), a(0.2, 0.2)),
+            # exp(-xi^2) has the mean sqrt(pi) erf(1) / 2 between middle and edge, exp(xi^2) sqrt(pi) erfi(1) / 2.
+            (
+                (5.0, a(0.0, 9.0), a(7.0, 7.0), a(0.0, 1.0), 1.2 * ROOT, 7.0, 3.0, 5.0, 1.0, 2.0),
+                0.4 / (sqrt(pi) * erf(1.0)) * a(1.0, exp(-1.0)),
+            ),
+            (
+                (5.0, a(0.0, 9.0), a(7.0, 7.0), a(0.0, -1.0), 1.2 * ROOT, 7.0, 3.0, 5.0, 1.0, -2.0),
+                0.4 / (sqrt(pi) * 1.6504257587975429) * a(1.0, exp(1.0)),
+            ),
         ),
     ),
     "machine_compliance": Row(

@@ -29,11 +29,12 @@ ABOVE = 1e-9
 
 @dataclass(frozen=True)
 class Plane:
-    """Points of integration as they lie in the plane of a sheet, those above one another once: x, y (n_d,) mm from the middle, and the
-    nodal heat (n_np, n_d) mm^3 of a unit density at them, int N_a dV."""
+    """Points of integration as they lie in the plane of a sheet, those above one another once: x, y (n_d,) mm from the middle, x over half
+    the width of the body at that height (n_d,), and the nodal heat (n_np, n_d) mm^3 of a unit density at them, int N_a dV."""
 
     x: np.ndarray
     y: np.ndarray
+    across: np.ndarray
     heat: csr_array
 
 
@@ -85,7 +86,28 @@ class Body:
         node = np.broadcast_to(self.data.hexes[:, None, :], share.shape)
         column = np.broadcast_to(which.reshape(*self.data.volume.shape, 1), share.shape)
         heat = coo_array((share.ravel(), (node.ravel(), column.ravel())), shape=(self.mesh.n_nodes, len(first)))
-        return Plane(x[first], y[first], csr_array(heat))
+        x, y = x[first], y[first]
+        return Plane(x, y, x / reach_across(self, y), csr_array(heat))
+
+
+_UPRIGHT = 0.5
+"""Part of a facet's normal along the thickness below which it is of the contour."""
+
+
+def reach_across(body: Body, y: np.ndarray) -> np.ndarray:
+    """Largest distance in mm from the axis x = 0 (n,) of the body at heights y (n,) mm from its middle, between its ends: that of the
+    straight edges of its contour in the plane."""
+    facets = boundary_facets(body.mesh.hexes)
+    corner = body.mesh.nodes[facets]
+    normal = np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1])
+    contour = np.abs(normal[:, 2]) < _UPRIGHT * np.linalg.norm(normal, axis=1)
+    ends = np.stack([facets[contour], np.roll(facets[contour], -1, axis=1)], axis=-1).reshape(-1, 2)
+    x, height = (np.asarray(c)[ends] for c in about_middle(body))
+    rises = np.abs(height[:, 1] - height[:, 0]) > ABOVE * float(np.ptp(body.mesh.nodes[:, 1]))
+    edge = np.unique(np.concatenate([np.abs(x[rises]), height[rises]], axis=1), axis=0)
+    part = (y[:, None] - edge[:, 2]) / (edge[:, 3] - edge[:, 2])
+    there = np.where((part >= 0.0) & (part <= 1.0), edge[:, 0] + part * (edge[:, 1] - edge[:, 0]), 0.0)
+    return np.asarray(there.max(axis=1))
 
 
 def about_middle(body: Body) -> tuple[np.ndarray, np.ndarray]:

@@ -45,6 +45,8 @@ NO_EFFECTS = ("base", "catalogue", "curve", "scene")
 _REQUIRED = ("SLOT", "PARAMS", "FORMULA", "SOURCE")
 PLACE_AND_TIME = ("time", "x", "y")
 """Arguments before the Params of a heat source that depends on nothing else, in the stead of (theta, accumulated, rate, time, x, y)."""
+ACROSS = "across"
+"""The fourth argument of a heat source of place and time that knows how far across the specimen it is: x over half the width there."""
 HEIGHT = "y"
 """The fourth argument of a surface flux that depends on the place along the load, behind (theta, time, surroundings)."""
 ON_FACETS = ("surface_flux", "boundary_temperature")
@@ -79,7 +81,8 @@ class Effect:
     of_user: bool = False
     """True where it stands in a file of the user's, not in the catalogue."""
     of_place: Callable[..., Any] | None = None
-    """The function of (time, x, y, *params) of a heat source that depends on nothing else; None of others. `act` is that of them all."""
+    """The function of (time, x, y, across, *params) of a heat source that depends on nothing else, `across` being x over half the width
+    of the specimen; None of others. `act` is that of them all, and takes it in the middle of the width."""
 
     @property
     def amplitude(self) -> Param:
@@ -167,6 +170,7 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     takes = tuple(inspect.signature(act).parameters) if slot in HEAT else ()
     of_place = act if slot == "heat_source" and takes[:3] == PLACE_AND_TIME else None
     if of_place is not None:
+        of_place = of_place if takes[3:4] == (ACROSS,) else partial(_all_across, of_place)
         act = partial(_whatever_flows, of_place)
     elif slot == "surface_flux" and takes[3:4] != (HEIGHT,):
         act = partial(_at_any_height, act)
@@ -186,9 +190,14 @@ def effect_of(module: ModuleType, name: str) -> Effect | None:
     )
 
 
-def _whatever_flows(of_place: Callable[..., Any], theta: Any, accumulated: Any, rate: Any, *more: Any) -> Any:
-    """A heat source of place and time, called as all of them are."""
-    return of_place(*more)
+def _all_across(of_place: Callable[..., Any], time: Any, x: Any, y: Any, across: Any, *numbers: Any) -> Any:
+    """A heat source that does not ask how far across it is, called as those that do."""
+    return of_place(time, x, y, *numbers)
+
+
+def _whatever_flows(of_place: Callable[..., Any], theta: Any, accumulated: Any, rate: Any, time: Any, x: Any, y: Any, *numbers: Any) -> Any:
+    """A heat source of place and time, called as all of them are, where nothing says how wide the specimen is: in its middle."""
+    return of_place(time, x, y, 0.0 * x, *numbers)
 
 
 def _at_any_height(flux: Callable[..., Any], theta: Any, time: Any, surroundings: Any, y: Any, *numbers: Any) -> Any:

@@ -5,7 +5,8 @@
                                                                   surface_flux(theta, time, surroundings, y, *params)
     boundary_temperature(y, time, elapsed, *params)               change of the medium's temperature, K, on the facet sets of ON
     heat_source(theta, accumulated, rate, time, x, y, *params)    power, mW/mm^3 of reference volume; where it depends on place and
-                                                                  time alone heat_source(time, x, y, *params)
+                                                                  time alone heat_source(time, x, y, *params), or
+                                                                  heat_source(time, x, y, across, *params), x over half the width
     capacity(theta, theta_ref, *params)                           factor of c0
     conductivity(theta, theta_ref, *params)                       factor of kappa
     initial_temperature(x, y, length, *params)                    excess over the steady temperature at the first time, K
@@ -50,7 +51,7 @@ class Acting:
     on: tuple[str, ...]
     numbers: tuple[Number, ...]
     of_place: Callable[..., Any] | None = None
-    """The function of (time, x, y, *numbers) of a heat source that depends on nothing else."""
+    """The function of (time, x, y, across, *numbers) of a heat source that depends on nothing else."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def power_by_place(body: Body, sources: Sequence[Acting], when: Instants) -> np.
     for weight, _, time in when:
         for e in sources:
             if e.of_place is not None:
-                total = total + weight * e.of_place(time, plane.x, plane.y, *e.numbers)
+                total = total + weight * e.of_place(time, plane.x, plane.y, plane.across, *e.numbers)
     return np.asarray(total)
 
 

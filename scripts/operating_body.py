@@ -26,8 +26,7 @@ from thermofit.diagnose.prepared import JOINT_EVALUATIONS
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
-from thermofit.diagnose.unlisted_loop import ended
-from thermofit.diagnose.whole_loop import with_all_errors
+from thermofit.diagnose.whole_loop import finished
 from thermofit.experiment.discretisation import corrected
 from thermofit.experiment.fields import LoadSteps, Measured, TestPhase, force_observation
 from thermofit.experiment.forward import MechanicalRun, march_settings, sampler, specimen_body
@@ -256,8 +255,8 @@ class Fields:
         known = tuple(e for e in case.known if e.name not in without)
         case = replace(case, known=known, heated=refit.heated, moved=refit.moved)
         found = close_loop(case, fit, refit, study.diagnosis.max_effects, corrected_.left)
-        found, missing = ended(found, found.refit, found.numerical, study.diagnosis.held_out)
-        return with_all_errors(found, missing, study.diagnosis.held_out), missing
+        found, missing, _ = finished(found, study.diagnosis.held_out)
+        return found, missing
 
     def at_truth(self, world: World) -> Traced:
         """The trace of a test with nothing planted and its noise as it is, at the truth: what smallest amplitudes are told by. Specimen and

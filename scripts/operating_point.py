@@ -22,8 +22,7 @@ from thermofit.diagnose.prepared import within
 from thermofit.diagnose.refit import JointFit
 from thermofit.diagnose.trace import Traced, traced
 from thermofit.diagnose.unlisted import Unlisted
-from thermofit.diagnose.unlisted_loop import ended
-from thermofit.diagnose.whole_loop import with_all_errors
+from thermofit.diagnose.whole_loop import finished
 from thermofit.experiment.coupon import CouponExperiment
 from thermofit.experiment.coupon_check import record_spans
 from thermofit.experiment.coupon_model import coupon_model, coupon_run
@@ -210,8 +209,8 @@ def closed(world: World, data: CouponData, folder: Path, without: Collection[str
     fine = study.model_copy(update={"numerics": study.numerics.model_copy(update={"steps_per_interval": 2})})
     numerical = 2.0 * (model.residual(parameters) - coupon_model(fine, data, settings, base).residual(parameters))
     found = close_loop(case, fit, refit, study.diagnosis.max_effects, numerical)
-    found, missing = ended(found, found.refit, found.numerical, study.diagnosis.held_out)
-    return with_all_errors(found, missing, study.diagnosis.held_out), missing
+    found, missing, _ = finished(found, study.diagnosis.held_out)
+    return found, missing
 
 
 def _case(study: Study, data: CouponData, model: StageModel, parameters: Parameters, hot: bool) -> Case:

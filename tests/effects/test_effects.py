@@ -194,3 +194,9 @@ def test_slots_in_which_no_function_is_called_are_refused(tmp_path: Path, slot: 
         StudyError, match=rf"my_effect\.py: SLOT is '{slot}'; expected one of free_energy, elasticity, yield_stress, .*, sensor, camera$"
     ):
         load_effect(path)
+
+
+def test_a_lamp_and_a_source_are_sought_from_the_same_begins() -> None:
+    """Held at a begin that is far off, one of them looks like nothing, and the other is named in its stead."""
+    begins = [next(p.scan for p in effect(name).params if p.scan_of == "time") for name in ("lamp", "local_source")]
+    assert begins[0] == begins[1] and max(b - a for a, b in zip(begins[0], begins[0][1:], strict=False) if b <= 0.2) < 0.051

@@ -167,7 +167,7 @@ def unlisted(
             whole = or_rival(here, apart, structure, whole, replace(alone, remark=failed))
             if away(here, whole):
                 return whole
-            remark(not_away(here, whole))
+            remark(not_told(here, whole, "it is not away from nothing"))
             break
         # The term has taken wild samples; there may be structure besides.
         if believed_law(law) is not None or _told_alone(here, structure, base):
@@ -220,7 +220,7 @@ def away(here: Traced, found: Unlisted) -> bool:
     return term.proof.gain > WORTH or abs(place.size) > SURE * place.doubt
 
 
-def not_away(here: Traced, found: Unlisted) -> str:
+def not_told(here: Traced, found: Unlisted, why: str) -> str:
     """What is said of a term that is not told."""
     term, place = found.field, found.place
     assert term is not None and place is not None, "it has an amount"
@@ -228,7 +228,7 @@ def not_away(here: Traced, found: Unlisted) -> str:
     unit = "mW" if volumes(here.case, term.basis) is not None else kind.unit
     size = f"{place.size:.2g} +- {place.doubt:.1g} {unit}"
     what = f"{kind.words} ({size}, {place.when[0]:.4g} to {place.when[1]:.4g} s)"
-    return f"{found.channel}: {what} is not told, for it is not away from nothing; {term.proof.words} with it"
+    return f"{found.channel}: {what} is not told, for {why}; {term.proof.words} with it"
 
 
 def or_rival(here: Traced, apart: Traced, structure: Structure, whole: Unlisted, alone: Unlisted) -> Unlisted:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from thermofit.diagnose.beside_source import BesideSource, beside_source
 from thermofit.diagnose.combined import with_combined
 from thermofit.diagnose.exchanged import with_exchanged
 from thermofit.diagnose.heat_of_flow import with_form_of_heat
@@ -15,19 +16,21 @@ from thermofit.diagnose.prepared import Prepared
 from thermofit.diagnose.pulled import with_pulled
 from thermofit.diagnose.quiet import with_quiet
 from thermofit.diagnose.slowest_rate import with_slowest_rate
-from thermofit.diagnose.unlisted import Unlisted
+from thermofit.diagnose.small_term import moves_nothing
+from thermofit.diagnose.unlisted import Unlisted, not_told
 from thermofit.diagnose.unlisted_loop import ended
 from thermofit.study.study import Study
 
 
 @dataclass(frozen=True)
 class Looped:
-    """A case at the end of the loop: as it was prepared, with the error of the discretisation that is left at the end, the rounds, and what
-    is unlisted (None: nothing)."""
+    """A case at the end of the loop: as it was prepared, with the error of the discretisation that is left at the end, the rounds, what is
+    unlisted (None: nothing), and the parameters beside that."""
 
     found: Prepared
     closed: Closed
     missing: Unlisted | None
+    beside: BesideSource | None
 
 
 def looped(study: Study, found: Prepared) -> Looped:
@@ -37,8 +40,19 @@ def looped(study: Study, found: Prepared) -> Looped:
     closed = close_loop(found.case, found.fit, found.refit, study.diagnosis.max_effects, found.numerical, how)
     if closed.numerical is not None:
         found = replace(found, numerical=closed.numerical)
+    return Looped(found, *finished(closed, how))
+
+
+def finished(closed: Closed, how: str) -> tuple[Closed, Unlisted | None, BesideSource | None]:
+    """What the loop leaves of what it has accepted, with all errors, what is unlisted, and the parameters beside that. A small unlisted
+    term that moves nothing once all errors are known (`small_term`) is not told; errors are then told anew without it."""
     closed, missing = ended(closed, closed.refit, closed.numerical, how)
-    return Looped(found, with_all_errors(closed, missing, how), missing)
+    known = with_all_errors(closed, missing, how)
+    beside = beside_source(known.last, missing, known.budget)
+    if missing is None or not moves_nothing(known, missing, beside):
+        return known, missing, beside
+    words = not_told(closed.last, missing, "with all errors known no parameter of the material moves by it")
+    return with_all_errors(replace(closed, remarks=(*closed.remarks, words)), None, how), None, None
 
 
 def with_all_errors(closed: Closed, missing: Unlisted | None, how: str) -> Closed:

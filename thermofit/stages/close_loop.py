@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from thermofit.core.jit import set_threads
-from thermofit.diagnose.beside_source import beside_source
 from thermofit.diagnose.decide import added_families, decided
 from thermofit.diagnose.known_fit import known_fit
 from thermofit.diagnose.prepared import DIAGNOSE, diagnosis_job, prepared
@@ -35,12 +34,11 @@ def run(study: Study, *, force: bool = False) -> Outcome:
         set_threads(study.numerics.threads)
         known = None if force else known_fit(diagnosis_job(study, DIAGNOSE)[0])
         end = looped(study, prepared(study, task, stages, known))
-        found, closed, missing = end.found, end.closed, end.missing
+        found, closed, missing, beside = end.found, end.closed, end.missing, end.beside
         write_study(study, closed, study.run_dir / STUDY)
         told = decided(loop_summary(found, closed, study.run_dir / STUDY), closed.last, added_families(closed), found.refit.parts)
         parts = closed.refit.parts if isinstance(closed.refit, JointFit) else None
         local = local_findings(study, closed.last, parts or found.refit.parts)
-        beside = beside_source(closed.last, missing, closed.budget)
         parameters = diagnosis_parameters(study, closed.last.case, closed.fit, closed.by_noise, beside)
         said = described(study, closed.last, missing, beside, local.entries["local_balances"])
         summary = {**with_any_form(with_unlisted(told, said), closed), "drive": found.drive, **local.entries}

@@ -206,11 +206,15 @@ def test_the_whole_loop_asks_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(whole_loop, "with_pulled", lambda one: f"{one} pulled")
     monkeypatch.setattr(whole_loop, "with_slowest_rate", lambda one: f"{one} to the slowest rate")
     monkeypatch.setattr(whole_loop, "with_exchanged", lambda one: f"{one}, exchanged")
-    monkeypatch.setattr(whole_loop, "with_quiet", lambda one, missing: f"{one}, quiet beside {missing}")
+    monkeypatch.setattr(
+        whole_loop, "with_quiet", lambda one, missing: SimpleNamespace(said=f"{one}, quiet beside {missing}", last="the end", budget=2)
+    )
+    monkeypatch.setattr(whole_loop, "beside_source", lambda here, missing, budget: (here, missing, budget))
     study: Any = SimpleNamespace(diagnosis=SimpleNamespace(held_out="auto", max_effects=2))
     found: Any = SimpleNamespace(case=None, fit=None, refit=None, numerical=None)
-    assert (
-        whole_loop.looped(study, found).closed
+    looped: Any = whole_loop.looped(study, found)
+    assert looped.beside == ("the end", None, 2) and (
+        looped.closed.said
         == "combined beside exponents and a law beside None or another (auto) and a heat pulled to the slowest rate, exchanged, "
         "quiet beside None"
     )

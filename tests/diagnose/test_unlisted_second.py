@@ -114,6 +114,14 @@ def test_steps_stand_as_the_steps_that_they_are() -> None:
     assert second_histories(known, told, others).covariance == pytest.approx(second_histories(known, own, others).covariance)
 
 
+def test_a_channel_with_no_other_kind_holds_nothing_more() -> None:
+    """The records of a coupon with a clock: nothing else acts on them as a history."""
+    known, term, _ = made()
+    found = second_histories(known, term, {})
+    p = known.columns.shape[1]
+    assert found.likelihood == {} and np.array_equal(found.covariance, np.zeros((p, p)))
+
+
 @pytest.mark.parametrize("there", [False, True])
 def test_parameters_are_within_their_intervals(there: bool) -> None:
     """Drawn again and again, with a second history that looks like what a parameter changes, or with none: standard errors that know of

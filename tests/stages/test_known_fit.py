@@ -11,7 +11,7 @@ import pytest
 from pulled import HEAT, pulled_study
 from record_studies import call
 
-from thermofit.diagnose import refit
+from thermofit.diagnose import refit, whole_loop
 from thermofit.diagnose.beside_source import BesideSource
 from thermofit.diagnose.prepared import diagnosis_job, prepared
 from thermofit.experiment.known_motion import acting_on_temperatures
@@ -77,8 +77,8 @@ def test_what_a_heat_has_driven_off_has_no_standard_error(tmp_path: Path, monkey
     assert call("run", path, "--until", "identify-thermal").exit_code == 0
     study = load_study(path, ["diagnosis.max_effects=0"])
     for told in (None, BesideSource({}, {}, "not settled"), BesideSource({"beta": 0.9}, {"beta": 0.01})):
-        for stage in (diagnose, close_loop):
-            monkeypatch.setattr(stage, "beside_source", lambda *_, told=told: told)
+        for stage, asks in ((diagnose, diagnose), (close_loop, whole_loop)):
+            monkeypatch.setattr(asks, "beside_source", lambda *_, told=told: told)
             found = stage.run(study, force=True).record.parameters
             known = {n for n, p in found.items() if p.free and p.sigma is not None}
             felt = set(acting_on_temperatures([n for n, p in found.items() if p.free]))

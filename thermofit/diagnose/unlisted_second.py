@@ -36,8 +36,10 @@ class Second:
 
 def second_histories(known: LinearModel, term: MissingField, others: Mapping[str, Basis]) -> Second:
     """What other kinds of histories may make of the fitted parameters beside a term with its lambda; `known`: the linear model of the
-    parameters where they are, `others`: the hats of each kind."""
+    parameters where they are, `others`: the hats of each kind; of a channel that can have no other kind there are none."""
     p = known.columns.shape[1]
+    if not others:
+        return Second({}, np.zeros((p, p)))
     found = mixed(with_term(known, term), others)
     return replace(found, covariance=found.covariance[:p, :p])
 

@@ -86,3 +86,18 @@ def test_a_rigid_motion_is_no_relative_displacement() -> None:
     assert np.abs(apart.residual(error) * apart.sigma).max() < 1e-12
     plain = neighbour_differences(observation(GRID, np.zeros_like(moments)), RelativeScheme("neighbour"))
     assert np.abs(plain.residual(error) * plain.sigma).max() > 1e-3, "the centres of the patches must matter in this test"
+
+
+def test_residuals_of_many_fields_are_those_of_each() -> None:
+    """Also where the noise of what is prescribed is beside, and all weights are scaled."""
+    rng = np.random.default_rng(7)
+    shape = (2, len(GRID), 2)
+    observed = FieldObservation(
+        "u", np.array([0.0, 1.0]), GRID, rng.normal(size=shape), np.full(shape, 0.1), np.ones(shape[:2], dtype=bool), "mm"
+    )
+    whole = rigid_free(observed)
+    fields = rng.normal(size=(*shape, 3))
+    for compared in (whole, whole.scaled(4.0), whole.blurred(rng.normal(size=(whole.n, 2))).scaled(4.0)):
+        each = np.stack([compared.residual(fields[..., k]) for k in range(3)], axis=1)
+        np.testing.assert_allclose(compared.columns(fields), each, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(compared.slopes(fields[..., 0], fields), each, rtol=1e-12, atol=1e-12)

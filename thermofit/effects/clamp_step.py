@@ -10,7 +10,7 @@ SLOT = "boundary_temperature"
 ON = ("clamp",)
 ONSET = 5.0
 """s; half of the time in which a jaw usually takes its new temperature, from 12 to 88 per cent."""
-_STARTS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+_STARTS = (0.02, *(k / 20 for k in range(1, 19)))
 PARAMS = (
     Param("clamp_step.step", "K", 0.0, -100.0, 100.0, 0.2, "change of the jaws, mean of both", probe=0.5),
     Param("clamp_step.apart", "K", 0.0, -100.0, 100.0, 0.2, "the same, upper (y > 0) minus lower jaw", probe=0.5),

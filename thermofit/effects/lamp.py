@@ -10,7 +10,7 @@ SLOT = "surface_flux"
 ON = ("air",)
 RAMP = 1.0
 """s; half of the time in which a lamp usually reaches its power, from 12 to 88 per cent."""
-_STARTS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
+_STARTS = (0.02, *(k / 20 for k in range(1, 19)))
 PARAMS = (
     Param("lamp.absorbed", "mW/mm^2", 0.0, -10.0, 10.0, 0.05, "absorbed power per area once the lamp is on", probe=0.1),
     Param("lamp.start", "s", 30.0, -1e5, 1e5, 5.0, "time of the test at which it is switched on", scan=_STARTS, scan_of="time"),

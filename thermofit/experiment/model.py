@@ -114,9 +114,7 @@ class StageModel:
         parts: dict[int, np.ndarray] = {}
         for k, c in enumerate(self.comparisons):
             if field_of(c) in shown:
-                parts[k] = np.empty((c.n, m), order="F")
-                for i in range(m):
-                    parts[k][:, i] = c.residual(shown[field_of(c)][..., i])
+                parts[k] = c.columns(shown[field_of(c)])
             elif parts:  # those before the first tell nothing of it
                 parts[k] = np.zeros((c.n, m))
         for one in self.common:
@@ -146,9 +144,7 @@ class StageModel:
         out, at = np.empty((sum(c.n for c in self.comparisons), n_p), order="F"), 0
         parts = []
         for c in self.comparisons:
-            error, slope = errors[field_of(c)], slopes[field_of(c)]
-            for i in range(n_p):
-                out[at : at + c.n, i] = c.slope(error, slope[..., i])
+            out[at : at + c.n] = c.slopes(errors[field_of(c)], slopes[field_of(c)])
             parts.append(out[at : at + c.n])
             at += c.n
         for part, apart in zip(parts, self._apart(parts), strict=True):

@@ -96,7 +96,8 @@ class Given:
         if place not in self.shown:
             return comparison
         shift, of, along = self.shown[place], comparison.residual, comparison.along
-        return replace(comparison, residual=lambda e: of(e) - shift, along=along or (lambda _, direction: of(direction)))
+        linear = along or (lambda _, direction: of(direction))
+        return replace(comparison, residual=lambda e: of(e) - shift, along=linear, several=comparison.columns)
 
 
 @dataclass(frozen=True)

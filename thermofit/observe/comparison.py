@@ -38,6 +38,8 @@ class Comparison:
     """Derivative (n,) of the residual at an error field in the direction of another one; None: the residual is linear."""
     field: str = ""
     """The observed field that it compares; empty: the one that the channel says."""
+    several: Callable[[np.ndarray], np.ndarray] | None = None
+    """What is faster than a linear residual of one error field after the other: residuals (n, m) of m of them."""
 
     @property
     def n(self) -> int:
@@ -53,6 +55,16 @@ class Comparison:
         """Derivative (n,) of the residual at `error` in the direction of the field `slope`."""
         return self.residual(slope) if self.along is None else self.along(error, slope)
 
+    def slopes(self, error: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """The same (n, m) in the directions of m fields (n_t, n_s, n_c, m)."""
+        if self.along is None:
+            return self.columns(slopes)
+        return _side_by_side(lambda slope: self.slope(error, slope), self.n, slopes)
+
+    def columns(self, fields: np.ndarray) -> np.ndarray:
+        """The residuals (n, m) of error fields (n_t, n_s, n_c, m)."""
+        return _side_by_side(self.residual, self.n, fields) if self.several is None else self.several(fields)
+
     def scaled(self, factor: float) -> Comparison:
         """The same with all weights times a factor."""
         root, along = float(np.sqrt(factor)), self.along
@@ -61,6 +73,7 @@ class Comparison:
             residual=lambda e: root * self.residual(e),
             weight=factor * self.weight,
             along=None if along is None else lambda e, s: root * along(e, s),
+            several=lambda fields: root * self.columns(fields),
         )
 
     def blurred(self, columns: np.ndarray) -> Comparison:
@@ -86,6 +99,7 @@ class Comparison:
             residual=lambda e: white(self.residual(e)),
             noise=None if noise is None else correlated,
             along=None if along is None else lambda e, direction: white(along(e, direction)),
+            several=lambda fields: white(self.columns(fields)),
         )
 
 
@@ -285,6 +299,14 @@ def temperature_change(observation: FieldObservation, reference: np.ndarray, cho
         return np.asarray(((own / total) ** 2)[:, None] * v + common @ (common.T @ v))
 
     return Comparison("dtheta", residual, noise, rows, total, w, observation.unit)
+
+
+def _side_by_side(residual: Callable[[np.ndarray], np.ndarray], n: int, fields: np.ndarray) -> np.ndarray:
+    """The residuals (n, m) of fields (n_t, n_s, n_c, m), each contiguous."""
+    out = np.empty((n, fields.shape[-1]), order="F")
+    for k in range(fields.shape[-1]):
+        out[:, k] = residual(fields[..., k])
+    return out
 
 
 def _rows(mask: np.ndarray, n_components: int) -> np.ndarray:

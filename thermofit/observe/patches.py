@@ -15,7 +15,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 MOMENTS = 5
@@ -36,15 +36,13 @@ def terms(away: np.ndarray) -> np.ndarray:
 
 def averaged(field: np.ndarray, moments: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """S of a field (n_t, n_s, ...) at nodes xy (n_s, 2) mm, with the moments (n_t, n_s, 5) of its patches at every time."""
-    operator, n = derivatives(xy), len(xy)
-    columns = np.moveaxis(field, 1, 0).reshape(n, -1)
-    own = np.moveaxis(moments, 1, 0)
-    shape = (n, len(field), *field.shape[2:])
-    out = np.array(np.moveaxis(field, 1, 0))
-    for k in range(MOMENTS):
-        slope = (operator[k * n : (k + 1) * n] @ columns).reshape(shape)
-        out += own[..., k].reshape(shape[:2] + (1,) * (field.ndim - 2)) * slope
-    return np.moveaxis(out, 0, 1)
+    near, by = _quadratics(np.ascontiguousarray(xy, dtype=float).tobytes())
+    out = np.array(field)
+    # One operator for every time: a node's own value, and what the moments there make of the derivatives.
+    for shown, value, own in zip(out, field, moments, strict=True):
+        weight = np.einsum("sk,skj->sj", own, by)
+        shown += (_rows(near, weight) @ value.reshape(len(value), -1)).reshape(value.shape)
+    return out
 
 
 def derivatives(xy: np.ndarray) -> csr_array:
@@ -52,15 +50,23 @@ def derivatives(xy: np.ndarray) -> csr_array:
 
     They are those of the quadratic through the node's own value that fits the nodes around it best, near ones most.
     """
-    return _derivatives(np.ascontiguousarray(xy, dtype=float).tobytes())
+    near, by = _quadratics(np.ascontiguousarray(xy, dtype=float).tobytes())
+    return _rows(np.tile(near, (MOMENTS, 1)), np.concatenate([by[:, k] for k in range(MOMENTS)]), len(near))
+
+
+def _rows(near: np.ndarray, weight: np.ndarray, n: int | None = None) -> csr_array:
+    """Operator (n_rows, n) of weights (n_rows, k) on the nodes `near` (n_rows, k); n is n_rows unless given."""
+    begins = np.arange(len(near) + 1) * near.shape[1]
+    return csr_array((weight.ravel(), near.ravel(), begins), shape=(len(near), len(near) if n is None else n))
 
 
 @lru_cache(maxsize=16)
-def _derivatives(given: bytes) -> csr_array:
+def _quadratics(given: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes about each node and itself behind them (n, k), and the factors (n, 5, k) of their values in its derivatives."""
     xy = np.frombuffer(given).reshape(-1, 2)
     n = len(xy)
     if n < 2:
-        return csr_array((MOMENTS * n, n))
+        return np.zeros((n, 0), dtype=int), np.zeros((n, MOMENTS, 0))
     size = spacings(xy)
     count = min(_AROUND + 1, n)
     near = cKDTree(xy / size).query(xy / size, k=count)[1].reshape(n, count)
@@ -69,11 +75,8 @@ def _derivatives(given: bytes) -> csr_array:
     # The fit is of differences to the node's own value: (W A) d = W (theta_j - theta_i).
     fit = np.linalg.pinv(weight[:, :, None] * terms(away), rcond=_RANK) * weight[:, None, :]
     fit /= terms(size)[None, :, None] * np.array([1.0, 1.0, 2.0, 1.0, 2.0])[None, :, None]
-    row = np.arange(n)[:, None, None] + n * np.arange(MOMENTS)[None, :, None]
-    ahead = coo_array((fit.ravel(), (np.broadcast_to(row, fit.shape).ravel(), np.broadcast_to(near[:, None, :], fit.shape).ravel())))
-    here = coo_array((-fit.sum(axis=2).ravel(), (row.ravel(), np.repeat(np.arange(n), MOMENTS))))
-    shape = (MOMENTS * n, n)
-    return csr_array(csr_array((ahead.data, ahead.coords), shape=shape) + csr_array((here.data, here.coords), shape=shape))
+    own = np.arange(n)[:, None]
+    return np.concatenate([near, own], axis=1), np.concatenate([fit, -fit.sum(axis=2, keepdims=True)], axis=2)
 
 
 def spacings(xy: np.ndarray) -> np.ndarray:

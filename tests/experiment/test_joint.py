@@ -235,8 +235,8 @@ def test_effects_are_scanned_where_a_run_tells_the_fields_apart() -> None:
     case = Case(joint.model, base, effects(("surface_flux", "yield_factor", "sensor")), spans, station_names(), scored=joint.scored)
     found, plain = linearised(case), linearised(replace(case, scored=None))
     starts = [values["lamp.start"] for values in scans(effect("lamp"), case)]
-    tried = [40.0 * share for share in param("lamp.start").scan]
-    assert starts == [30.0, *(t for t in tried if t != 30.0)] and len(found.scanned["lamp"]) == len(starts)
+    off, tried = param("lamp.start").neutral, [40.0 * share for share in param("lamp.start").scan]
+    assert starts == [off, *(t for t in tried if t != off)] and len(found.scanned["lamp"]) == len(starts)
     assert np.allclose(found.residual, plain.residual, atol=1e-6)
     for name, (names, block) in plain.dormant.items():
         assert found.dormant[name][0] == names

@@ -63,6 +63,21 @@ def test_what_one_tells_is_taken_from_the_next() -> None:
     assert float(np.mean(alone[0].residual(r[second]) ** 2)) > 10.0
 
 
+@pytest.mark.parametrize("blurs", [False, True])
+def test_columns_hold_nothing_of_what_others_told(blurs: bool) -> None:
+    """What a change of the error field makes of a residual is the same wherever that is counted from."""
+    comparisons, modes, _ = problem()
+    blurred, common = shared(comparisons, modes)
+    assert common is not None
+    own = (blurred if blurs else comparisons)[1]
+    told = common.given(np.ones(K), {1: 0}).without(0, own)
+    fields = np.random.default_rng(2).normal(size=(SIZES[1], 4))
+    zero = np.zeros(SIZES[1])
+    assert np.abs(told.residual(zero)).max() > 0.1, "others must have told something"
+    np.testing.assert_allclose(told.columns(fields), own.columns(fields), atol=1e-12)
+    np.testing.assert_allclose(told.slopes(zero, fields), own.columns(fields), atol=1e-12)
+
+
 def test_places_move_with_what_stands_before() -> None:
     comparisons, modes, a = problem()
     blurred, common = shared(comparisons, modes)
